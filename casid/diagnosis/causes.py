@@ -160,7 +160,7 @@ def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInpu
     """
     found = [cause_of(trial, state) for trial in minor_trials(state, seen)]
     if missing:
-        part = state.criteria.naming.rival
+        part = state.criteria.parts.most
         return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > part * missing[0].gain)
     return (*found, *_small_terms(state.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
@@ -185,7 +185,7 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
                 and gates.is_possible(trial.candidate.attached)
                 and effect.key not in known
                 and not any(
-                    t.effect.target == effect.target and sine(t, trial) < state.criteria.naming.alike for t in found
+                    t.effect.target == effect.target and sine(t, trial) < state.criteria.parts.most for t in found
                 )
             ):
                 found.append(trial)

@@ -46,6 +46,49 @@ class SignificanceCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartCriteria:
+    """Parts of a whole, by which comparisons without a number of their own are made."""
+
+    most: float = number(
+        2 / 3,
+        "part of a cause's statistic above which another is an alternative, short of which a trial is abandoned, and "
+        "that kinematics confirm; of turbulence's statistic that slow latent inputs reach, which coloured noise "
+        "cannot; of outputs that show a filter common to all; of a rate's noise below which its derivative was "
+        "computed from it; of a value's information that one stretch is given at most; sine of the angle of similar "
+        "fingerprints",
+        "measured: each 0.6 to 0.8 before, the same decisions",
+    )
+    half: float = number(
+        0.5,
+        "part of the information on a number by the records that is more than the file's own; of a predicted size that "
+        "a fit may find; of the noise of a reading's high band below which it is not sought; delay of a surface in "
+        "sampling intervals, and change in 1-sigmas, from which they matter; and lowest Oswald factor of a wing",
+        "derived: the larger part",
+    )
+    quarter: float = number(
+        0.25,
+        "part of a latent input's statistic that may remain beside a cause; of a sampling interval to which the timing "
+        "of inputs is resolved; motion of an axis, over that of the other, below which it is out of scope; of a "
+        "reading's variation that may be noise; predicted decrease of a step, over that before, that is progress",
+        "measured: causes leave hardly any, imitations a fifth, the same decisions up to 0.32 on 86 sets; records of "
+        "one axis move the other by 0.03 to 0.21",
+    )
+    tenth: float = number(
+        0.1,
+        "part of a latent input's statistic that may remain beside a term or a configuration change, which can imitate "
+        "others; of turbulence's statistic that a single axis must leave unexplained, as air moves along all; relative "
+        "error of its velocity, as a first-order process only approximates a Dryden spectrum",
+        "measured: imitations left 0.12; the same decisions from 0.099 to 0.318 on 86 sets",
+    )
+
+    @property
+    def some(self) -> float:
+        """What `most` leaves: the part of a statistic below which a cause is not worth a fit, and the kinematics reject
+        it."""
+        return 1.0 - self.most
+
+
+@dataclass(frozen=True, kw_only=True)
 class NoiseCriteria:
     """Which channels count as measured, and how strong their noise is."""
 
@@ -57,7 +100,6 @@ class NoiseCriteria:
         1.2,
         "ratio of two noise densities that exceeds the scatter of a high band, or at which inputs have other noise",
     )
-    common_filter: float = number(0.7, "part of the outputs that must show a filter common to all channels")
     smallest: float = number(
         1e-3,
         "smallest noise, over a channel's variation",
@@ -71,25 +113,17 @@ class NoiseCriteria:
     differentiator: int = number(
         15, "largest number of samples on either side in a filter from rate to angular acceleration"
     )
-    differentiated: float = number(
-        0.7, "part of the rate's noise, after that filter or a difference, below which it is computed from the rate"
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class InputTimingCriteria:
-    """Behaviour of recorded inputs between samples: linear, or held over a share of the interval."""
-
-    step: float = number(
-        0.25, "resolution of the share of a sampling interval; a surface counts that knows its own to half of it"
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class PriorCriteria:
     """Prior uncertainty of derivatives."""
 
-    spread: float = number(3.0, "prior 1-sigma of a derivative without a stated uncertainty, over its size")
+    spread: float = number(
+        3.0,
+        "prior 1-sigma of a derivative without a stated uncertainty, over its size; and ratio of tried and predicted "
+        "size of a nonlinear effect above which the prediction is not valid",
+    )
     unstated: float = number(
         0.1,
         "relative uncertainty of a number whose uncertainty the file does not state, and the smallest 1-sigma of a "
@@ -112,13 +146,6 @@ class KinematicCriteria:
     peak: float = number(
         2.0, "1-sigma of a free angular acceleration over its r.m.s.; manoeuvres take only a part of a record"
     )
-    refuted: float = number(
-        0.3,
-        "part of the predicted statistic below which the kinematic check rejects a cause, and short of which it "
-        "confirms one",
-        "measured: the same decisions up to 0.63 on 60 sets",
-    )
-    smallest_part: float = number(0.5, "smallest part of a predicted size that is compared with the kinematics")
     airspeeds: float = number(
         24.0,
         "readings of airspeed in a record from which a check of compatibility reconstructs the motion",
@@ -130,47 +157,39 @@ class KinematicCriteria:
 class TurbulenceCriteria:
     """Thresholds of turbulence, and of what its approximate model leaves unexplained."""
 
-    other_axes: float = number(
-        0.1,
-        "part of the statistic that a single axis must leave unexplained",
-        "derived: air moves along all axes, a vane along one",
-    )
-    slow: float = number(
-        0.8, "part of the statistic that slow latent inputs of the air must reach; coloured noise cannot"
-    )
     one_reading: float = number(
         1.5,
         "drift of one reading, over the statistic of turbulence, above which the air is calm",
         "measured: the same decisions from 0.82 on, on 60 sets",
     )
     scale_length: float = number(300.0, "initial scale length", "derived: MIL-F-8785C, at altitude", unit="m")
-    spectrum: float = number(
-        0.1, "relative error of the velocity", "derived: a first-order process only approximates a Dryden spectrum"
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class StructureCriteria:
     """Model discrepancy of linear aircraft models, and its effect on the uncertainty of a value."""
 
-    small: float = number(
-        0.0025, "prior 1-sigma of each part of the model discrepancy, over the variation of its coefficient"
-    )
     scales: tuple[float, ...] = number(
         (1.0, 2.0, 4.0),
         "factors of that 1-sigma that are tried for each coefficient",
         "chosen: at most 1 % a part and some 4 % in all",
     )
-    oswald: float = number(0.5, "lowest Oswald factor of a wing", "chosen: below the usual 0.7 to 0.85")
     known: float = number(
         0.005,
         "smallest relative 1-sigma of a value, and of a statistic",
         "chosen: sampling and the simulator leave that uncertain",
     )
     stretch: float = number(
-        5.0, "length of the stretches of record that the scatter of a value is computed from", unit="s"
+        5.0,
+        "length of the stretches of record that the scatter of a value is computed from, and of the beginning that "
+        "states which are not measured are fitted to, for the file as given",
+        unit="s",
     )
-    stretch_part: float = number(0.7, "largest part of a value's information that one stretch is given")
+
+    @property
+    def small(self) -> float:
+        """Prior 1-sigma of each part of the model discrepancy, over the variation of its coefficient."""
+        return 0.5 * self.known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,9 +201,6 @@ class ScreeningCriteria:
         "distance of the statistics within which causes are equivalent",
         "measured: the same decisions from 4.8 to 10.3 on 60 sets",
         unit=_GAIN,
-    )
-    nonlinear: float = number(
-        3.0, "ratio of tried and predicted size of a nonlinear effect above which the prediction is not valid"
     )
 
 
@@ -199,9 +215,6 @@ class SizeCriteria:
     )
     consequence: float = number(
         0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
-    )
-    late: float = number(
-        0.5, "delay of a surface that matters, in sampling intervals", "derived: inputs between samples are unknown"
     )
     mass: float = number(
         0.5,
@@ -252,11 +265,6 @@ class NamingCriteria:
     gain_of_an_instrument: float = number(
         25.0, "the same for an instrument fault", "measured: 17 at most on 150 clean sets", unit=_GAIN
     )
-    tried: float = number(
-        0.3,
-        "predicted statistic of a cause that is fitted, over `gain`, also for an instrument fault; its predicted size "
-        "and clearness, over what a name requires",
-    )
     approximate: float = number(
         0.02,
         "the same for an event or turbulence, whose shape is approximate, the least that it leaves elsewhere, and the "
@@ -267,34 +275,12 @@ class NamingCriteria:
         "part of a cause's statistic that it leaves to causes and latent inputs",
         "measured: the same decisions up to 0.03 on 60 sets",
     )
-    rival: float = number(
-        0.7,
-        "part of a cause's statistic above which another cause is an alternative, short of which a trial is abandoned, "
-        "and of what is missing above which a minor cause may be it",
-    )
-    alike: float = number(0.6, "sine of the angle between fingerprints below which they are similar")
     alike_sigmas: float = number(
         2.0,
         "distance of the statistics of similar causes, in 1-sigmas",
         "derived: 2 sqrt(gain) sin(angle) whichever is true",
     )
     unrelated: float = number(0.95, "sine of the angle between fingerprints above which they are unrelated")
-
-
-@dataclass(frozen=True, kw_only=True)
-class DoubtCriteria:
-    """Thresholds between a cause that explains what was missing and one that only imitates it."""
-
-    left: float = number(
-        0.25,
-        "part of a latent input's statistic that may remain beside a cause",
-        "measured: causes leave hardly any, imitations a fifth; the same decisions from 0.055 to 0.82 on 60 sets",
-    )
-    left_by_terms: float = number(
-        0.1,
-        "the same for a term or a configuration change, which can imitate other effects",
-        "measured: imitations left 0.12; the same decisions from 0.043 to 0.99 on 60 sets",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,18 +306,6 @@ class VerdictCriteria:
 class GivenCriteria:
     """The simulation as given: what contradicts it, and what the records can judge."""
 
-    window: float = number(
-        5.0, "beginning of a record used to fit states that are not measured, for the file as given", unit="s"
-    )
-    beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
-    from_records: float = number(
-        0.5, "least part of the information on a number by the records", "derived: more than the file's own"
-    )
-    still: float = number(
-        0.25,
-        "motion of an axis, over that of the other, below which it is out of scope",
-        "measured: records of one axis show 0.03 to 0.21, of all axes 0.3 and more",
-    )
     fails: float = number(
         10.0,
         "error, over that as given or over the noise, at which a model is far from the data or fails on others",
@@ -388,10 +362,10 @@ class Criteria:
     """
 
     significance: SignificanceCriteria = SignificanceCriteria()
+    parts: PartCriteria = PartCriteria()
     data: DataCriteria = DataCriteria()
     noise: NoiseCriteria = NoiseCriteria()
     given: GivenCriteria = GivenCriteria()
-    input_timing: InputTimingCriteria = InputTimingCriteria()
     prior: PriorCriteria = PriorCriteria()
     kinematics: KinematicCriteria = KinematicCriteria()
     turbulence: TurbulenceCriteria = TurbulenceCriteria()
@@ -399,7 +373,6 @@ class Criteria:
     screening: ScreeningCriteria = ScreeningCriteria()
     size: SizeCriteria = SizeCriteria()
     naming: NamingCriteria = NamingCriteria()
-    doubt: DoubtCriteria = DoubtCriteria()
     held_out: HeldOutCriteria = HeldOutCriteria()
     verdict: VerdictCriteria = VerdictCriteria()
     priors: Priors = Priors()

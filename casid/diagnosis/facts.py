@@ -159,7 +159,7 @@ def determined_pairs(
     index = {slot.name: i for i, slot in enumerate(fit.slots)}
     stated = {one.parameter: one.stated_std for one in changed if one.stated_std > 0.0}
     covariance = _of_stated(fit, stated)
-    unsure = 1.0 - criteria.from_records
+    unsure = 1.0 - fit.criteria.parts.half
     found: dict[tuple[str, str], Combination] = {}
     for one in changed:
         if one.parameter not in stated or max(one.effect.values(), default=0.0) <= 1.0:

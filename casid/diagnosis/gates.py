@@ -19,16 +19,16 @@ def predicted_size(
     effect: Effect, share: float, statistic: float, clear: float, criteria: Criteria
 ) -> tuple[Gate, ...]:
     """Ask the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
-    least = criteria.naming.tried
-    gates = (ask.PREDICTED_SIZE.of(share, least, "naming.tried"),)
+    least = criteria.parts.some
+    gates = (ask.PREDICTED_SIZE.of(share, least, "parts.most"),)
     if effect.of_an_instrument:
         return gates
-    return (*gates, ask.PREDICTED_CLEARNESS.of(share**2 * statistic / clear, least, "naming.tried"))
+    return (*gates, ask.PREDICTED_CLEARNESS.of(share**2 * statistic / clear, least, "parts.most"))
 
 
 def promises_enough(part: float, criteria: Criteria) -> Gate:
     """The gate on what the full model predicts of a fit, over what a name and the best fit so far ask of it."""
-    return ask.PROMISE.of(part, criteria.naming.tried, "naming.tried")
+    return ask.PROMISE.of(part, criteria.parts.some, "parts.most")
 
 
 def required_gain(effect: Effect, criteria: Criteria) -> float:
@@ -132,8 +132,8 @@ def seen_by_kinematics(predicted: float, achieved: float, criteria: Criteria) ->
     if predicted <= by.search:
         return ()
     fits = ask.CONTRADICTED_SIZE.of(contradiction(predicted, achieved), by.search, "significance.search")
-    least = criteria.kinematics.refuted
-    return (ask.FOUND_BY_KINEMATICS.of(achieved / predicted, least, "kinematics.refuted", [fits]),)
+    least = criteria.parts.some
+    return (ask.FOUND_BY_KINEMATICS.of(achieved / predicted, least, "parts.most", [fits]),)
 
 
 def contradiction(predicted: float, achieved: float) -> float:
@@ -141,14 +141,16 @@ def contradiction(predicted: float, achieved: float) -> float:
     return (predicted - achieved) ** 2 / (4.0 * predicted)
 
 
-def still_missing(before: float, left: float, criteria: Criteria, part: str = "doubt.left", where: str = "") -> Gate:
+def still_missing(before: float, left: float, criteria: Criteria, where: str = "", flexible: bool = False) -> Gate:
     """Ask that at most a part of what was missing at a port is still missing, or no more than noise.
 
-    `before` and `left` are the likelihood-ratio statistics of the latent input before and after the cause; `part` names
-    the criterion of the largest permitted ratio.
+    `before` and `left` are the likelihood-ratio statistics of the latent input before and after the cause; less may
+    remain beside a cause that is `flexible` enough to imitate others.
     """
-    most = criteria.doubt.left_by_terms if part == "doubt.left_by_terms" else criteria.doubt.left
-    return ask.STILL_MISSING.of(left / max(before, 1e-300), most, part, [no_more_than_noise(left, criteria)], where)
+    name = "tenth" if flexible else "quarter"
+    most = getattr(criteria.parts, name)
+    noise = no_more_than_noise(left, criteria)
+    return ask.STILL_MISSING.of(left / max(before, 1e-300), most, f"parts.{name}", [noise], where)
 
 
 def no_more_than_noise(left: float, criteria: Criteria) -> Gate:

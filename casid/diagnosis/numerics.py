@@ -9,48 +9,42 @@ from numpy.polynomial.legendre import legvander
 
 from casid.criterion import number
 
-Extent = Literal["plain", "first", "settled", "trial", "motion", "rough", "again", "nearly"]  # of a fit
+Extent = Literal["settled", "rough"]  # of a fit
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitNumerics:
     """Gauss-Newton fit of a hypothesis."""
 
-    shrink: float = number(0.4, "factor by which a step that does not decrease the deviance is shortened")
-    shortest_step: float = number(0.02, "part of a step below which a fit stops")
-    promise: float = number(
-        0.25, "part of the previous step's predicted decrease below which a step counts as progress"
-    )
     squares: float = number(1.01, "ratio of sums of squares within which such a step counts")
     repeats: int = number(
         8,
-        "largest number of fits that follow one another until turbulence, noise, colour or outliers stay, and of "
-        "smoothings of a system's motion",
+        "largest number of fits that follow one another until turbulence, noise, colour or outliers stay; of "
+        "smoothings of the motion of a system; and of moves of an onset",
     )
-    moved: float = number(0.5, "largest change of a value that ends fits in turbulence, in 1-sigmas")
-    noise_stays: float = number(0.03, "relative change of the noise that ends fits in which it is estimated")
-    first_noise: float = number(0.02, "noise of a channel in the first of them, over its variation")
+    noise_stays: float = number(
+        0.03,
+        "relative change of the noise that ends fits in which it is estimated, and its first value over the variation "
+        "of a channel",
+    )
+    settled: tuple[float, ...] = number(
+        (20.0, 0.5),
+        "largest number of iterations, and change of the sum of squares at which a fit ends, of a model that is kept",
+    )
+    rough: tuple[float, ...] = number(
+        (8.0, 2.0),
+        "the same while a cause is tried, without aerodynamics, in moving air, and for onsets; and the decrease of the "
+        "deviance below which a round of a search for sizes of noise is the last one",
+    )
     whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
-    plain: tuple[float, ...] = number(
-        (10.0, 0.5), "largest number of iterations, and change of the sum of squares at which a fit ends"
-    )
-    first: tuple[float, ...] = number((20.0, 0.5), "the same for a fit that begins far from its end")
-    settled: tuple[float, ...] = number((15.0, 0.3), "the same for a model that is kept")
-    trial: tuple[float, ...] = number((8.0, 3.0), "the same while a cause is tried")
-    motion: tuple[float, ...] = number((6.0, 1.0), "the same where the motion alone is fitted")
-    rough: tuple[float, ...] = number((10.0, 2.0), "the same without aerodynamics, in moving air, and for onsets")
-    again: tuple[float, ...] = number((5.0, 2.0), "the same for kinematics with one more cause")
-    nearly: tuple[float, ...] = number((2.0, 2.0), "the same for small offsets of instruments")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LevelNumerics:
     """Search for sizes of noise with the model."""
 
-    least: float = number(0.5, "part of the noise of a reading by its high band below which it is not sought")
     factors: tuple[float, ...] = number((4.0, 2.0, 1.4), "steps by which sizes are sought; in turbulence the last one")
     sweeps: int = number(4, "largest number of rounds with each step")
-    gained: float = number(2.0, "decrease of the deviance below which a round is the last one")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,26 +81,17 @@ class MissingInputNumerics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScreeningNumerics:
-    """Screening of all causes."""
-
-    starts: int = number(4, "number of records from which sets of records are grown")
-
-
-@dataclass(frozen=True, kw_only=True)
 class EventNumerics:
     """Search for the onset of an event."""
 
     step: float = number(
         1.0,
-        "time between the onsets that are tried, from either end of a record, where an event would resemble a "
-        "permanent effect, and half width of the fine part of a profile",
+        "time between the onsets that are tried; from either end of a record, where an event would resemble a "
+        "permanent effect, and a measured state shows its initial value; and half width of the fine part of a profile",
         unit="s",
     )
     fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
     fine: float = number(0.1, "time between points of a profile near its peak; onsets stay within half of it", unit="s")
-    moves: int = number(6, "largest number of moves of an onset")
-    trial_moves: int = number(2, "the same while a cause is tried, and in held-out records")
     slow_polynomials: int = number(4, "Legendre polynomials of time that represent a slow change")
 
     @property
@@ -138,19 +123,25 @@ class NamingNumerics:
     """Number and kind of the causes that are fitted in each round."""
 
     rounds: int = number(6, "largest number of rounds")
-    tentative: int = number(
-        2, "rounds in turn that may name nothing, or be refused until the named causes together explain what is missing"
-    )
     trials: int = number(
-        4, "candidates of the first ranking that are fitted, and terms of one coefficient if they predict the same"
+        4,
+        "candidates of the first ranking that are fitted, terms of one coefficient if they predict the same, and "
+        "records from which sets of records are grown",
     )
-    further_trials: int = number(
-        2, "candidates of each other ranking, and terms of one coefficient otherwise, that are fitted"
+    few: int = number(
+        2,
+        "rounds in turn that may name nothing, or be refused until the named causes together explain what is missing; "
+        "trials that are fitted at a time, of which later ones are abandoned if they fall behind; alternatives of a "
+        "named cause that are fitted again; and moves of an onset while a cause is tried, and in held-out records",
     )
-    side_by_side: int = number(2, "trials that are fitted at a time; later ones are abandoned if they fall behind")
-    rivals: int = number(2, "alternatives of a named cause that are fitted again")
     ranking: int = number(40, "candidates that the result keeps")
     listed: int = number(3, "findings of a kind, or small terms, that a verdict lists one by one")
+
+    @property
+    def further_trials(self) -> int:
+        """Candidates of each other ranking, and terms of one coefficient that do not predict the same, that are
+        fitted."""
+        return max(1, self.trials // 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +182,6 @@ class Numerics:
     levels: LevelNumerics = LevelNumerics()
     turbulence: TurbulenceNumerics = TurbulenceNumerics()
     missing_input: MissingInputNumerics = MissingInputNumerics()
-    screening: ScreeningNumerics = ScreeningNumerics()
     events: EventNumerics = EventNumerics()
     naming: NamingNumerics = NamingNumerics()
     structure: StructureNumerics = StructureNumerics()

@@ -292,7 +292,7 @@ class Diagnosis:
             resting=resting(self.extended.fit.flight.records),
             noise=self.noise,
         )
-        unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
+        unmoved = [one for one in self.untold if one.unmoved(self.criteria.parts.half)]
         return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
 
     def document(self, figures: bool = True) -> Document:
@@ -330,7 +330,7 @@ class Diagnosis:
                     responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
             with noting(failed, "next flight"):
                 next_ones = self.next_flights()
-        least = self.criteria.given.from_records
+        least = self.criteria.parts.half
         untold = self.untold if self.coefficients else ()
         document = Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),

@@ -26,4 +26,3 @@ class RotorCriteria:
     disturbed: float = number(0.03, "part of the weight at which the search for the size of disturbances begins")
     widest: float = number(3000.0, "factor by which a disturbance may be smaller than at the beginning of that search")
     unread: float = number(100.0, "the same where no reading has the disturbance, and by which any may be larger")
-    not_noise: float = number(0.3, "part of the variation of a reading above which it is motion and no noise")

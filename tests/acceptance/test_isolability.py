@@ -113,7 +113,7 @@ class Campaign:
         read["delta_e"] = self.clean["delta_e"]
         noisy = {n: y + NOISE[n] * rng.normal(size=len(y)) for n, y in read.items()}
         flight = replace(prepare(self.file, [self.clean.with_channels(**noisy)], axes="longitudinal"), doubted=())
-        evidence = weigh(fit(flight, [], flight.noise(), extent="first"), discrepancy=False)
+        evidence = weigh(fit(flight, [], flight.noise(), extent="settled"), discrepancy=False)
         rows = []
         for one in self.names:
             effect, matters = effect_named(one), self.found.causes[one].matters

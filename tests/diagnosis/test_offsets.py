@@ -36,7 +36,7 @@ def with_offsets(records: list[Record], offsets: dict[str, float]) -> list[Recor
 
 def demanded(records: list[Record]) -> list[Attached]:
     flight = prepare(rough_file(), records)
-    return demanded_offsets(fit(flight, [], flight.noise(), extent="first"))
+    return demanded_offsets(fit(flight, [], flight.noise(), extent="settled"))
 
 
 def test_small_offsets_are_found_with_their_sizes():
@@ -123,8 +123,8 @@ def test_offsets_that_a_fault_had_hidden_are_put_in_beside_it():
     hidden = [Attached(effect=effectiveness_change("delta_e"), values={"value": -0.5}, onsets={"m1": 7.0, "m2": 9.0})]
     records = with_offsets(flights(hidden, seed=14), {"q": 0.04 * DEG})
     flight = prepare(rough_file(), records)
-    blind = fit(flight, [], flight.noise(), extent="first")
-    beside = fit(flight, hidden, flight.noise(), extent="first")
+    blind = fit(flight, [], flight.noise(), extent="settled")
+    beside = fit(flight, hidden, flight.noise(), extent="settled")
     assert not demanded_offsets(blind)
     (found,) = demanded_offsets(beside)
     assert found.effect.key == sensor_bias("q").key and found.nuisance

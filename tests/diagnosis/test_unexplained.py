@@ -84,7 +84,7 @@ def test_a_coefficient_that_changes_slowly_is_no_noise_of_an_instrument(name: st
     for part in (rng.uniform(0.3, 1.0), 0.01):
         change = part * SLOW[name] * (t / 10.0 - 1.0)
         flight = prepare(do328(), flights(seed=seed, count=2, disturbance={f"d{name}": change}))
-        fitted = fit(flight, (), flight.noise(), extent="first")
+        fitted = fit(flight, (), flight.noise(), extent="settled")
         left = still_missing(weigh(fitted), missing_inputs(weigh(fitted)), (), 0.0)
         found = _not_by_noise(fitted, left, (), begun)  # pyright: ignore
         assert (name in [one.place.name for one in found]) == (part > 0.1)

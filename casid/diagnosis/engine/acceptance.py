@@ -154,16 +154,14 @@ class _Seen:
             was, left = (missing_at(one, [station])[0].gain for one in self.kinematic)
         return gates.still_missing(was, left, self.criteria, where=f" at {Station.at(station).words}")
 
-    def gone(self, stations: Iterable[str], part: str = "doubt.left", least: float = 0.0) -> list[Gate]:
+    def gone(self, stations: Iterable[str], least: float = 0.0, *, flexible: bool = False) -> list[Gate]:
         """The gate of the worst of these ports on what may still be missing; empty without ports.
 
-        `part` is the criterion of the largest permitted ratio to what was missing before, or to `least` if that is
-        more.
+        It compares with what was missing before, or with `least` if that is more; see `gates.still_missing`.
         """
+        by = self.criteria
         found = [
-            gates.still_missing(
-                max(self.was[s], least), self.left[s], self.criteria, part, f" at {Station.at(s).words}"
-            )
+            gates.still_missing(max(self.was[s], least), self.left[s], by, f" at {Station.at(s).words}", flexible)
             for s in stations
         ]
         return [max(found, key=_nearness)] if found else []
@@ -177,7 +175,7 @@ class _Seen:
         """
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        least = max(self.criteria.doubt.left * self.last.gain.raw, self.criteria.verdict.missing)
+        least = max(self.criteria.parts.quarter * self.last.gain.raw, self.criteria.verdict.missing)
         if self.was[helped] - self.left[helped] > least:
             found.add(helped)
         return found
@@ -199,7 +197,7 @@ def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
     criteria = seen.criteria
     more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
-    worse = [m for m in seen.after if m.gain > (1.0 + criteria.doubt.left) * seen.was[m.station] + more]
+    worse = [m for m in seen.after if m.gain > (1.0 + criteria.parts.quarter) * seen.was[m.station] + more]
     sizes = {m.place.words: missing_size(seen.evidence.fit, m) for m in worse}
     if not sizes:
         return []
@@ -214,7 +212,7 @@ def _is_sure(seen: _Seen) -> list[Gate]:
 def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     """The gate on a constant error of a reading: no drift of the same reading may remain."""
     own = reading(seen.effect.target)
-    return seen.gone([own] if seen.effect.traits.constant and own in seen.was else [], "doubt.left_by_terms")
+    return seen.gone([own] if seen.effect.traits.constant and own in seen.was else [], flexible=True)
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
@@ -234,7 +232,7 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
         size = missing_size(seen.evidence.fit, left)
         noise = gates.no_more_than_noise(left.gain, seen.criteria)
         return [ask.MISSING_SIZE.of(size, 1.0, "size.share", [noise])]
-    return seen.gone(seen.own, "doubt.left_by_terms", seen.last.gain.total)
+    return seen.gone(seen.own, seen.last.gain.total, flexible=True)
 
 
 def _explains_what_was_missing(seen: _Seen) -> list[Gate]:
@@ -402,7 +400,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
             # two statistics may disagree which is the better.
             behind_exactly = best.gain.exact - trial.gain.exact
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
-    if angle < by.alike:
+    if angle < criteria.parts.most:
         spread = 2.0 * np.sqrt(max(best.gain.total, 0.0) * trial.inflation) * angle
         ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
     return float(min(ways))
@@ -416,8 +414,10 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     by = criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
-    near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
-    return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
+    near = [
+        t for t in possible if t.gain.total > criteria.parts.most * best.gain.total and sine(best, t) < by.unrelated
+    ]
+    return [*[t for t in near if t not in alike][: criteria.numerics.naming.few], *alike]
 
 
 def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:

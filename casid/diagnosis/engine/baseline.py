@@ -112,12 +112,12 @@ def _refitted(flight: Subject, known: Sequence[Attached], say: Callable[[str], N
     under this noise, it is estimated with the model.
     """
     say("refit of the file")
-    calm = fit(flight, known, flight.noise(), extent="first")
+    calm = fit(flight, known, flight.noise(), extent="settled")
     if is_far(calm, flight.criteria.given.fails**2):
         without = unread(flight)
         if without.noise_by_fit and not comes_near(flight, known):
             flight = without
-            calm = fit(without, known, without.noise(), extent="first")
+            calm = fit(without, known, without.noise(), extent="settled")
     return as_inputs_run(in_colour(without_outliers(calm)))
 
 
@@ -159,7 +159,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
     aircraft = fit.flight.aircraft
     lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
     aspect = aircraft.area / aircraft.moment_length_pitch**2
-    return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
+    return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.parts.half)
 
 
 def demanded_structure(base: FlightFit) -> list[Attached]:

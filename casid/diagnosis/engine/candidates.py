@@ -63,8 +63,8 @@ def worth_trying(
         # a fit moves an onset to its best place in the whole record, wherever the linearisation begins it
         chosen += [c for c in further if not any(is_same(c.attached, b.attached, np.inf) for b in before)]
         screened = {**others, **screened}
-    least = criteria.naming.tried * required
-    beside = {c.name: ask.BESIDE_TURBULENCE.of(c.net, least, "naming.tried") for c in chosen}
+    least = criteria.parts.some * required
+    beside = {c.name: ask.BESIDE_TURBULENCE.of(c.net, least, "parts.most") for c in chosen}
     kinematic_ones = {c.name for c in chosen if c.attached.effect.kinematic}
     faint = {name: (asked,) for name, asked in beside.items() if not asked.passed and name not in kinematic_ones}
     chosen = [c for c in chosen if c.name not in faint]
@@ -138,8 +138,7 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
 
 def _promising(candidate: Candidate, criteria: Criteria) -> Gate:
     """The gate on the score statistic of a cause that is to be fitted."""
-    by = criteria.naming
-    return ask.PREDICTED.of(candidate.net, by.tried * by.gain, "naming.tried")
+    return ask.PREDICTED.of(candidate.net, criteria.parts.some * criteria.naming.gain, "parts.most")
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
@@ -206,16 +205,16 @@ def try_cause(
     alone = attached.effect.linear and set(attached.values) == {"value"}
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
     try:
-        fitted = fit(base.flight, begin, noise, base, extent="trial", give_up=give_up)
+        fitted = fit(base.flight, begin, noise, base, extent="rough", give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
         return given_up(base, candidate, ask.SIMULATED.failed()), evidence, {}
     if attached.effect.timed:
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
-            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="trial"))
+            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="rough"))
         if joint.fit.deviance < give_up:
-            joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
+            joint, interval = at_peak(joint, evidence.criteria.numerics.naming.few)
     if attached.effect.members:
         joint = _without_weak(base, joint)
     fitted = joint.fit
@@ -358,7 +357,7 @@ def _ended(fitted: FlightFit) -> FlightFit:
             [*fitted.attached[:-1], other],
             fitted.noise,
             fitted,
-            extent="trial",
+            extent="rough",
         )
 
     return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
@@ -376,4 +375,4 @@ def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="trial"))
+    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="rough"))

@@ -51,7 +51,7 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
     """
     held = fitted.flight.elsewhere(fitted.derivatives, records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = in_colour(fit(held, steady, fitted.held, free="states", extent="motion"), free="states")
+    base = in_colour(fit(held, steady, fitted.held, free="states", extent="settled"), free="states")
     for one in fitted.attached:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
@@ -77,7 +77,7 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
     without = base if len(others) == len(base.attached) else _states(base, others)
     found = [base, without]
     if onsets := _onsets(without, one):
-        moves = base.criteria.numerics.events.trial_moves
+        moves = base.criteria.numerics.naming.few
         with suppress(InputError, np.linalg.LinAlgError):
             moved = _states(without, [*others, replace(one, onsets=onsets)])
             found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
@@ -86,7 +86,7 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
 
 def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """Fit only the initial states with these effects."""
-    return fit(base.flight, attached, base.noise, base, free="states", extent="motion")
+    return fit(base.flight, attached, base.noise, base, free="states", extent="settled")
 
 
 def _everywhere(one: Attached) -> Attached:
@@ -131,7 +131,7 @@ def kinematic_gain(
     found = []
     for step in (before, after):
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
-        found.append(fit(there, faults, noise, free="states", extent="motion"))
+        found.append(fit(there, faults, noise, free="states", extent="settled"))
     return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
 
 

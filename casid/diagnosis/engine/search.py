@@ -207,12 +207,12 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
         say(f"naming, round {len(state.rounds) + 1}")
         state = _after_round(accepted, added(state, catalogue))
         if not state.rounds[-1].named:
-            if state.rounds[-1].waiting and len(_in_vain(state)) < numerics.tentative:
+            if state.rounds[-1].waiting and len(_in_vain(state)) < numerics.few:
                 continue
             break
         if _passes(accepted, state):
             accepted = state
-        elif len(state.named) - len(accepted.named) >= numerics.tentative:
+        elif len(state.named) - len(accepted.named) >= numerics.few:
             break
         if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
@@ -248,7 +248,7 @@ def _with_next_best(accepted: State, state: State) -> State:
     at = len(state.rounds) - 1
     round_ = state.rounds[-1]
     others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
-    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
+    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.few]:
         other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,), accepted.fit))
         if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
             return other
@@ -438,9 +438,9 @@ def _tried(
             return given_up(state.fit, one[0], ask.TIME_LEFT.failed()), state.fit, {}
         return trial, joint.fit, interval
 
-    by = state.criteria.naming
+    parts = state.criteria.parts
     limit = state.fit.flight.limit
-    at_once = state.criteria.numerics.naming.side_by_side
+    at_once = state.criteria.numerics.naming.few
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
@@ -453,13 +453,13 @@ def _tried(
             trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + (1.0 - by.rival) * abs(trial.gain.raw))
+                give_up = min(give_up, fitted.deviance + parts.some * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial):
                 fits[trial] = fitted
                 if trial.meaningful and (trial.confirmed or not trial.check.judges):  # no other can take its place
-                    least = np.maximum(least, by.rival * np.array([trial.gain.exact, trial.gain.raw]))
+                    least = np.maximum(least, parts.most * np.array([trial.gain.exact, trial.gain.raw]))
     return trials, fits, intervals
 
 
@@ -530,7 +530,7 @@ def carried(baseline: Baseline, state: State) -> State:
     if not causes:
         return start
     model = baseline.start
-    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, extent="first")
+    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, extent="settled")
     moved = replace(start, rounds=rounds, intervals=state.intervals)
     return _settled_in(moved, fitted, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
 
@@ -554,7 +554,7 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     if share == begun.flight.held:
         return None
     flight = with_inputs_held(begun.flight, share)
-    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="first")
+    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="settled")
     return _recalculated(begun, again)
 
 

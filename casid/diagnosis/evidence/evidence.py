@@ -533,13 +533,13 @@ def scatter(evidence: Evidence, along: np.ndarray) -> float:
     along = evidence.along(evidence.covariance @ along)
     pulls = []
     shares = []
-    criteria = evidence.criteria.structure
+    criteria = evidence.criteria
     for r, record in enumerate(evidence.fit.flight.records):
-        first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))
+        first = np.arange(0, len(along), max(1, round(criteria.structure.stretch / record.dt)))
         pulls.append(np.add.reduceat((along[:, r] * evidence.left[:, r]).sum(axis=1), first))
         shares.append(np.add.reduceat((along[:, r] ** 2).sum(axis=1), first))
     share = np.concatenate(shares)
-    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.parts.most)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 

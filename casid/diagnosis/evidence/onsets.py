@@ -151,14 +151,14 @@ def at_peak(
     intervals  95 % intervals of the onsets [s], by record
     """
     interval: Intervals = {}
-    numerics = evidence.criteria.numerics.events
-    moves = numerics.moves if moves is None else moves
+    numerics = evidence.criteria.numerics
+    moves = numerics.fit.repeats if moves is None else moves
     for _ in range(moves):
         evidence = _slid(evidence, moves, free, which)
         fitted = evidence.fit
         before = fitted.attached[which]
         moved, interval = moved_onsets(evidence, before)
-        if all(abs(moved.onsets[r] - t) < numerics.fine / 2 for r, t in before.onsets.items()):
+        if all(abs(moved.onsets[r] - t) < numerics.events.fine / 2 for r, t in before.onsets.items()):
             break
         attached = [moved if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, extent="rough")
@@ -240,7 +240,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     best: Candidate | None = None
     every = _steps(evidence, coefficients, onsets, durations) if len(onsets) and coefficients else []
     for duration, steps in zip(durations, every, strict=False):
-        for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
+        for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.naming.trials):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
             members = _members(np.abs(sizes[0]) / stds[0], criteria)
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)

@@ -167,7 +167,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     effect = prints[0].effect
     names = np.array(judge.base.batch.names)
     R = len(names)
-    least = 1.0 / judge.criteria.screening.nonlinear
+    least = 1.0 / judge.criteria.prior.spread
     most = 1.0 if effect.series is not None else np.inf
     best: Candidate | None = None
     for one in prints:
@@ -249,7 +249,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
-    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.screening.starts)
+    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.naming.trials)
     return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
 

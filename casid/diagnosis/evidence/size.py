@@ -57,7 +57,7 @@ class AircraftSizes:
         smallest = fitted.flight.smallest_that_matters(effect)
         if smallest is not None:
             own = abs(value) / smallest if smallest > 0 else np.inf
-            return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
+            return min(own, consequence(fitted, one), _lateness(fitted, one) / fitted.criteria.parts.half)
         share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
         return max(share, 1.0) if effect.traits.expected else share
 

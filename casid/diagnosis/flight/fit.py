@@ -40,7 +40,7 @@ def fit(
     start: FlightFit | None = None,
     *,
     free: Free = "all",
-    extent: Extent | tuple[float, ...] = "plain",
+    extent: Extent | tuple[float, ...] = "settled",
     give_up: float = np.inf,
     anew: bool = False,
     far: bool = False,
@@ -117,7 +117,7 @@ def fit(
         step = gauss_newton_step(now.fit)
         now = None
         refused.clear()
-        now = longest(tried, numerics.shrink, numerics.shortest_step)
+        now = longest(tried)
         gained = np.inf if now is None else abs(best.squares - now.squares)
     return best.converged(0.0) if refused and best.left(0.0) < tolerance else best.fit
 
@@ -156,8 +156,8 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
 def by_wider_noise(fitted: FlightFit, factor: float) -> tuple[FlightFit, FlightFit]:
     """The fit anew with measurement noise wider by a factor, and from there with its own noise."""
     wide = replace(fitted.noise, measurement={name: factor * s for name, s in fitted.noise.measurement.items()})
-    first = fit(fitted.flight, fitted.attached, wide, extent="first")
-    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="first")
+    first = fit(fitted.flight, fitted.attached, wide, extent="settled")
+    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="settled")
 
 
 def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = None) -> FlightFit:
@@ -195,7 +195,9 @@ def relaxed(fitted: FlightFit) -> FlightFit:
         before = fitted = fitted.lighter(filtered=False)  # it is fitted anew, under a filter of its own
         attached = [replace(one, passes=True) for one in before.attached]
         fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)
-        stays = np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance)))
+        stays = np.all(
+            np.abs(fitted.values - before.values) < fitted.criteria.parts.half * np.sqrt(np.diag(before.covariance))
+        )
         if stays or fitted.deviance > lowest:
             break
         lowest = fitted.deviance
@@ -279,7 +281,7 @@ class _Point:
             return True
         left = now.promise / self.promise if self.promise else np.inf
         numerics = now.fit.criteria.numerics.fit
-        much = left < numerics.promise
+        much = left < now.fit.criteria.parts.quarter
         as_low = now.squares < numerics.squares * self.squares
         nearer = (much and as_low) if now.fit.noise.coloured else (much or (left < 1.0 and as_low))
         return full and nearer

@@ -223,7 +223,7 @@ def with_filtered_inputs(flight: Subject) -> Subject:
     criteria = flight.criteria.noise
     filtered = _filtered(flight, flight.outputs, edge)
     factors = [flight.sigma[o] / sigma_of([r[o] for r in of], criteria) for o, of in filtered.items()]
-    if len(factors) < criteria.common_filter * len(flight.outputs):
+    if len(factors) < flight.criteria.parts.most * len(flight.outputs):
         return flight
     names = [Station.at(name).name for name in flight.input_sigma]
     stated = flight.aircraft.noise
@@ -301,7 +301,7 @@ def prepare(
         if o not in outputs
     }
     for acceleration, rate in RATE_OF.items():
-        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma, noise):
+        if {acceleration, rate} <= sigma.keys() and is_derived(ready, acceleration, sigma, criteria):
             del sigma[acceleration]
             left_out[acceleration] = f"computed from {rate}, whose noise it has, and nothing new"
     outputs = tuple(sigma)
@@ -316,7 +316,7 @@ def prepare(
     unsure = [o for o in outputs if not aircraft.noise.get(o)]
     held = {o: high_band_holds(that_have(as_read, o, noise), o, edge) for o in unsure}
     doubted = tuple(o for o in unsure if not held[o] or hides_noise(that_have(as_read, o, noise), o, noise))
-    if len(doubted) >= noise.common_filter * len(outputs):  # a filter common to all channels: none shows its noise
+    if len(doubted) >= criteria.parts.most * len(outputs):  # a filter common to all channels: none shows its noise
         doubted = tuple(unsure)
     return Subject(
         **_airframe(aircraft, axes, ready, outputs),
@@ -427,9 +427,7 @@ def sigma_of(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
 RATE_OF: Mapping[str, str] = MappingProxyType({"pdot": "p", "qdot": "q", "rdot": "r"})
 
 
-def is_derived(
-    records: Sequence[Record], acceleration: str, sigma: Mapping[str, float], criteria: NoiseCriteria
-) -> bool:
+def is_derived(records: Sequence[Record], acceleration: str, sigma: Mapping[str, float], criteria: Criteria) -> bool:
     """Return True if an angular acceleration was computed from the rate of the same axis with a filter; `sigma` is
     their noise.
 
@@ -441,7 +439,7 @@ def is_derived(
     rate = RATE_OF[acceleration]
     if _is_smoothed(records, acceleration, criteria):
         return True
-    reach = criteria.differentiator
+    reach = criteria.noise.differentiator
     pairs = [_pair(record, rate, acceleration, reach) for record in records]
     around, values = (np.concatenate(part) for part in zip(*pairs, strict=True))
     columns = np.column_stack([around, np.ones(len(values))])
@@ -450,10 +448,10 @@ def is_derived(
         return False
     h = np.linalg.lstsq(columns, values, rcond=None)[0]
     left = float(np.linalg.norm(values - columns @ h)) / math.sqrt(more)
-    return left < criteria.differentiated * sigma[rate] * float(np.linalg.norm(h[:-1]))
+    return left < criteria.parts.most * sigma[rate] * float(np.linalg.norm(h[:-1]))
 
 
-def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCriteria) -> bool:
+def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: Criteria) -> bool:
     """Return True if the high band of an acceleration has almost none of the noise that its variation and its rate
     imply."""
     both = [r for r in records if acceleration in r and RATE_OF[acceleration] in r]
@@ -462,7 +460,7 @@ def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCr
     own, of_rate = (pooled_sigma([r[name] for r in both]) for name in (acceleration, RATE_OF[acceleration]))
     varies = float(np.nanstd(np.concatenate([r[acceleration] for r in both])))
     differences = of_rate / (math.sqrt(2.0) * float(np.median([r.dt for r in both])))
-    return own < criteria.smallest * varies and own < criteria.differentiated * differences
+    return own < criteria.noise.smallest * varies and own < criteria.parts.most * differences
 
 
 def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:

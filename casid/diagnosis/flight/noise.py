@@ -101,7 +101,7 @@ def most_by_chance(fit: FlightFit) -> dict[str, float]:
     the right model exceeds as rarely as an interval does not hold what it should."""
     criteria = fit.criteria
     every = fit.flight.every
-    error = chance_error(fit.linear, fit.acting, criteria.given.beginning)
+    error = chance_error(fit.linear, fit.acting, criteria.numerics.events.step)
     noise = np.array([fit.noise.measurement[name] for name in fit.model.outputs])
     most = np.sqrt((error.most(1.0 - criteria.priors.holds) / noise**2 + every - 1) / every)
     return dict(zip(fit.model.outputs, most.tolist(), strict=True))
@@ -299,7 +299,7 @@ def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[f
     """The fit under another noise of its outputs."""
     flight = replace(fitted.flight, sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
-    return fit(flight, fitted.attached, noise, fitted, free=free, extent="first")
+    return fit(flight, fitted.attached, noise, fitted, free=free, extent="settled")
 
 
 def level_of(fitted: FlightFit) -> dict[str, float]:
@@ -321,7 +321,7 @@ def as_slow_as_left(fitted: FlightFit, drifting: Collection[str] = ()) -> Flight
     if fitted.noise.colour:
         return fitted
     noise = replace(fitted.noise, slow=slow_of(fitted, drifting))
-    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, extent="first")
+    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, extent="settled")
 
 
 def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
@@ -416,7 +416,7 @@ def _by_the_model(flight: Subject, attached: Sequence[Attached]) -> Subject:
         return flight
     numerics = flight.criteria.numerics.fit
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}
-    first = {o: max(flight.sigma[o], numerics.first_noise * v) for o, v in variation.items()}
+    first = {o: max(flight.sigma[o], numerics.noise_stays * v) for o, v in variation.items()}
     now = replace(flight, sigma=flight.sigma | first)
     fitted = None
     for _ in range(numerics.repeats):
@@ -450,7 +450,7 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
             notes = [f"{o}: {alone.sum()} single readings far from all others left out" for o, alone in off.items()]
             records.append(replace(record.with_channels(**kept), notes=(*record.notes, *notes)))
         flight = replace(fitted.flight, records=tuple(records), _regressors={})
-        fitted = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
+        fitted = fit(flight, fitted.attached, fitted.noise, fitted, extent="settled")
     return fitted
 
 
@@ -502,20 +502,20 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     it is where the unit explains more.
     """
     share = held_share(fitted, named=named)
-    if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
+    if abs(share - fitted.flight.held) < fitted.criteria.parts.quarter:
         doubted = fitted.flight.noise_by_fit or is_far(fitted, fitted.criteria.given.fails)
         if named or not doubted:
             return fitted
         share = 1.0  # a simulator that holds its inputs: tried before anything else is called wrong
     flight = with_inputs_held(fitted.flight, share)
-    other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
+    other = fit(flight, fitted.attached, fitted.noise, fitted, extent="settled")
     if other.deviance >= fitted.deviance - fitted.criteria.verdict.missing:
         return fitted
     by = 0.5 * (share - fitted.flight.held) * float(np.median(fitted.batch.dt)) / fitted.flight.every
     if by <= 0.0 or named:
         return other
     late = Attached(effect=sensor_delay("inertial"), values={"value": by})
-    unit = fit(fitted.flight, [*fitted.attached, late], fitted.noise, fitted, extent="first")
+    unit = fit(fitted.flight, [*fitted.attached, late], fitted.noise, fitted, extent="settled")
     return fitted if unit.deviance < other.deviance - fitted.criteria.verdict.missing else other
 
 
@@ -527,13 +527,13 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     are `named` already.
     """
     shares, stds, gains = surface_shares(fitted)
-    criteria = fitted.criteria.input_timing
-    clear = stds < criteria.step / 2
+    step = fitted.criteria.parts.quarter
+    clear = stds < step / 2
     needed = min(2, int(clear.sum()) if named else len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
-    share = float(np.clip(round(float(np.median(shares[clear])) / criteria.step) * criteria.step, -1.0, 1.0))
-    agree = clear & (np.abs(shares - share) < criteria.step)
+    share = float(np.clip(round(float(np.median(shares[clear])) / step) * step, -1.0, 1.0))
+    agree = clear & (np.abs(shares - share) < step)
     alone = needed == 1 and not named
     if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < fitted.criteria.verdict.missing:
         return fitted.flight.held

@@ -190,9 +190,8 @@ def for_systems(criteria: Criteria, duration: float) -> Criteria:
     aircraft, and with as wide a search as its quick fits allow."""
     by = criteria.numerics.naming
     wider = criteria.numerics.systems.wider
-    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials")}
-    iterations, tolerance = criteria.numerics.fit.trial
-    table = {"naming": more, "fit": {"trial": (wider * iterations, tolerance)}}
+    iterations, tolerance = criteria.numerics.fit.rough
+    table = {"naming": {"trials": wider * by.trials}, "fit": {"rough": (wider * iterations, tolerance)}}
     return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": table})
 
 
@@ -231,7 +230,7 @@ def first_fit(subject: Subject) -> FlightFit:
     Raises EstimationError for a model that cannot follow its records at all.
     """
     try:
-        plain = fit(subject, (), subject.noise(), extent="first")
+        plain = fit(subject, (), subject.noise(), extent="settled")
     except InputError as error:
         raise EstimationError(
             f"model '{subject.title}' cannot be fitted to these records from its nominal values: {error}"
@@ -257,8 +256,8 @@ def _by_equation_error(subject: Subject) -> list[FlightFit]:
     sizes = np.std(np.concatenate(rates), axis=0)[at]
     white = {s: float(size) for s, size in zip(stations, sizes, strict=True) if size > 0.0}
     try:
-        first = fit(subject, (), replace(subject.noise(), white=white), extent="first")
-        return [fit(subject, (), subject.noise(), first, extent="first")]
+        first = fit(subject, (), replace(subject.noise(), white=white), extent="settled")
+        return [fit(subject, (), subject.noise(), first, extent="settled")]
     except (InputError, np.linalg.LinAlgError):
         return []
 

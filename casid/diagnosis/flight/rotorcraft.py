@@ -287,11 +287,11 @@ def most_likely_noise(
     }
     for i, (name, quick) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
-        bounds[name] = (search.least * quick, max(by.not_noise * varies, quick))
+        bounds[name] = (criteria.parts.half * quick, max(criteria.parts.quarter * varies, quick))
     inputs = dict(start.inputs)
     for name, value in inputs.items():  # at most all that varies
         series = np.concatenate([record[Station.at(name).name] for record in records])
-        bounds[name] = search.least * value, max(float(np.std(series)), value)
+        bounds[name] = criteria.parts.half * value, max(float(np.std(series)), value)
     groups = [*_ALIKE, *((name,) for name in sigma), *([tuple(inputs)] if inputs else [])]
 
     def noise(levels: Levels) -> NoiseModel:
@@ -305,7 +305,7 @@ def most_likely_noise(
         groups,
         search.factors,
         search.sweeps,
-        search.gained,
+        criteria.numerics.fit.rough[1],
     )
     return noise(found)
 
@@ -318,12 +318,12 @@ def first_fit(flight: Subject) -> FlightFit:
     known = known_effects(flight, flight.names)
     late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
     if any(one.effect.key == late.effect.key for one in known):
-        return fit(flight, known, flight.noise(), extent="first")
-    fitted = fit(flight, (*known, late), flight.noise(), extent="first")
+        return fit(flight, known, flight.noise(), extent="settled")
+    fitted = fit(flight, (*known, late), flight.noise(), extent="settled")
     surely = abs(fitted[late.name]) - flight.criteria.significance.sigmas * fitted.std(late.name)
     if surely < (flight.smallest_that_matters(late.effect) or np.inf):
         return fitted
-    return fit(flight, known, flight.noise(), extent="first")
+    return fit(flight, known, flight.noise(), extent="settled")
 
 
 def in_its_colour(flight: Subject, fitted: FlightFit) -> tuple[Subject, FlightFit]:
@@ -339,7 +339,7 @@ def in_its_colour(flight: Subject, fitted: FlightFit) -> tuple[Subject, FlightFi
         before = flight.colour
         colour = colour_of(fitted, flight.outputs, longest)
         flight = replace(flight, colour=colour)
-        fitted = fit(flight, fitted.attached, flight.noise(), fitted, extent="first")
+        fitted = fit(flight, fitted.attached, flight.noise(), fitted, extent="settled")
         stays = fitted.criteria.numerics.fit.noise_stays
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
             break

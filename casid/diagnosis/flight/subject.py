@@ -155,7 +155,7 @@ class Subject:
     def noise_by_fit(self) -> bool:
         """Return True if most outputs do not show their noise, so that its level and colour are estimated with the
         model."""
-        return len(self.doubted) >= self.criteria.noise.common_filter * len(self.outputs)
+        return len(self.doubted) >= self.criteria.parts.most * len(self.outputs)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """The noise model of readings and inputs, with `coloured` disturbances."""

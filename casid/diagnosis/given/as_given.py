@@ -127,14 +127,14 @@ def _start(flight: Subject, known: Sequence[Attached]) -> np.ndarray | None:
     """(R, states) initial states: measured ones, and fits to the first seconds for the others; None if those seconds do
     not determine them.
     """
-    window = flight.criteria.given.window
+    window = flight.criteria.structure.stretch
     parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
         short = flight.elsewhere({}, parts)
         begun = _states(short, known)
     except InputError:
         return None
-    beginning = flight.criteria.given.beginning
+    beginning = flight.criteria.numerics.events.step
     return np.stack(
         [
             measured_start(begun.model, record, begun.motion.X[0, r], begun.parameters[r], beginning)

@@ -102,7 +102,7 @@ def flight_values(
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False, fitted_std=corrected)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
-        determined = from_records > fit.flight.criteria.given.from_records
+        determined = from_records > fit.flight.criteria.parts.half
         std = corrected / from_records
         one = FlightValue(value=own, std=std, determined=determined, fitted_std=corrected)
         found[slot.name] = replace(one, at_trim=_at_trim(evidence, lines[i], one, bends.get(slot.name, {})))
@@ -337,7 +337,7 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
     effects = {effect.name: effect for effect in map(effect_of, aircraft.effects)}
     for doubt in impossibilities(aircraft):
         stated = _flight_says(effects[doubt.parameter], flight) if doubt.parameter in effects else None
-        says = f" Subject says {_number(stated, doubt.unit)}." if stated is not None and stated.determined else ""
+        says = f" Flight says {_number(stated, doubt.unit)}." if stated is not None and stated.determined else ""
         told = impossible(replace(doubt, sentence=f"{doubt.sentence}{says}"))
         yield replace(told, flight=stated.value, std=stated.std) if stated is not None else told
 
@@ -349,7 +349,7 @@ def _flight_says(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightVal
 
 
 def _against(name: str, unit: str, given: float, flight: FlightValue, margin: float) -> Contradiction:
-    """Subject beside the file."""
+    """Flight beside the file."""
     opposes = flight.value * given < 0.0 and min(abs(flight.value), abs(given)) > margin
     says = "says the opposite sign," if opposes else "says"
     return Contradiction(

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.diagnosis.criteria import Criteria, GivenCriteria, HeldOutCriteria
+from casid.diagnosis.criteria import Criteria, HeldOutCriteria, PartCriteria
 from casid.diagnosis.flight.flight import prepare, resting
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
@@ -129,7 +129,7 @@ class Axes:
 def axes_that_tell(
     records: Sequence[Record],
     wanted: str | None = None,
-    criteria: GivenCriteria | None = None,
+    criteria: PartCriteria | None = None,
     aircraft: Aircraft | None = None,
 ) -> Axes:
     """The axes that the records can support, or those that are `wanted`.
@@ -143,7 +143,7 @@ def axes_that_tell(
     if wanted is not None and wanted not in MOVING:
         raise unknown("axes", wanted, MOVING)
     fed = axes_of(records)
-    still = (criteria or GivenCriteria()).still
+    still = (criteria or PartCriteria()).quarter
     if wanted is not None:
         left_out = _motions(_OTHER.get(wanted), f"{wanted} axes were asked for")
         if wanted in _OTHER and fed == "full" and (share := _share(records, wanted, _OTHER[wanted])) < still:
@@ -392,7 +392,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     Raises InputError for unknown axes, and for records that cannot feed them.
     """
     fitted, held = records
-    judged = axes_that_tell(fitted, axes, criteria.given, aircraft)
+    judged = axes_that_tell(fitted, axes, criteria.parts, aircraft)
     nodes = criteria.numerics.missing_input.times[0]
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records

@@ -61,7 +61,7 @@ class KinematicCheck:
         leaves."""
         if not self.judges:
             return False
-        least = 1.0 - self.criteria.kinematics.refuted
+        least = self.criteria.parts.most
         apart = gates.contradiction(self.predicted, self.achieved)
         larger = self._elsewhere and least * self.achieved > self.predicted
         by_noise = self.achieved > 0.0 and apart <= self.criteria.significance.chance
@@ -124,7 +124,7 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     part = found[one.name] / size
     if gain <= 0.0:
         # If the size stays, its 1-sigma is no measure: the deviance may be just as insensitive down to zero.
-        stays = part > criteria.kinematics.smallest_part
+        stays = part > criteria.parts.half
         predicted = -gain / part**2 if stays else (size / found.std(one.name)) ** 2
         return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     predicted = gain / part**2
@@ -141,12 +141,12 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     if one.effect.timed or not one.effect.linear:
         return None
     whole = kinematic_check(kinematic, one)
-    part = whole.criteria.kinematics.smallest_part
+    part = whole.criteria.parts.half
     predicted = part**2 * whole.predicted
     achieved = part * (whole.achieved + whole.predicted) - predicted
     if predicted <= whole.criteria.significance.search:
         return None
-    return ask.WORTH_FITTING.of(achieved / predicted, whole.criteria.kinematics.refuted, "kinematics.refuted")
+    return ask.WORTH_FITTING.of(achieved / predicted, whole.criteria.parts.some, "parts.most")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -236,7 +236,7 @@ def without_turbulence(
     if len(found) == len(before):
         return None
     left = turbulence(flight, kinematics.reconstruct(flight, found))
-    if left.named or left.gain > flight.criteria.kinematics.refuted * turbulent.gain:
+    if left.named or left.gain > flight.criteria.parts.some * turbulent.gain:
         return None
     evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
     return evidence, screen(evidence, _observable(flight, before))
@@ -272,13 +272,13 @@ def _with_faults(flight: Subject, turbulent: Turbulence, calm: FlightFit, effect
     for _ in range(criteria.numerics.naming.trials):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if is_possible(c.attached)]
-        if not ranked or ranked[0].net < criteria.kinematics.refuted * (evidence.deviance - in_moving_air[-1]):
+        if not ranked or ranked[0].net < criteria.parts.some * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
         rested = weigh(kinematics.with_offsets(other), discrepancy=False)
-        if evidence.deviance - rested.deviance < (1.0 - criteria.kinematics.refuted) * ranked[0].net:
+        if evidence.deviance - rested.deviance < criteria.parts.most * ranked[0].net:
             break  # the fit does not confirm the prediction: turbulence also resembles an instrument fault
         faulty = other
         evidence = rested

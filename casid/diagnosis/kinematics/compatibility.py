@@ -3,7 +3,7 @@
 Angular rates, accelerations, attitudes and air data of a rigid body are related by kinematics alone. The reconstruction
 (`kinematics.reconstruct`) is of the records as `check` corrects them, and leaves all forces and moments free. It
 estimates the motion, the biases of all instruments, and those errors of scale, delay and position that the data
-require. R. V. Jategaonkar, Subject Vehicle System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A.
+require. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A.
 Morelli, Aircraft System Identification (2006), chapter 10.
 """
 
@@ -291,7 +291,7 @@ def compatibility(
     # Between its steps a channel is wrong, too: a scale or a delay that it asks for is that of its filter.
     tried = () if stepped else _TRIED
     found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased), tried)
-    air = turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
+    air = _moving_air(flight, found.fit) if _fails(found, rivals) else still_air(flight)
     hidden: list[str] = []
     if air.named:
         found, rivals = _with_errors(
@@ -387,6 +387,15 @@ def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
     )
 
 
+def _moving_air(flight: Subject, calm: FlightFit) -> Turbulence:
+    """The turbulence beside a reconstruction in calm air; none where no motion in moving air agrees with the
+    readings."""
+    try:
+        return turbulence(flight, calm)
+    except InputError:
+        return still_air(flight)
+
+
 def _in_moving_air(flight: Subject, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
     """The reconstruction in turbulence, with biases of the instruments."""
     moving = gusts(flight, air.sigma, length=air.length)
@@ -422,7 +431,10 @@ def _first_that_holds(
 ) -> tuple[Evidence, Candidate] | None:
     """The reconstruction with the first candidate that is significant and larger than allowed once it is fitted."""
     for one in ranked:
-        again = kinematics.again(evidence.fit, [*evidence.fit.attached, one.attached])
+        try:
+            again = kinematics.again(evidence.fit, [*evidence.fit.attached, one.attached])
+        except InputError:  # no motion agrees with the readings then
+            continue
         now = weigh(again, discrepancy=False)
         last = again.attached[-1]
         if evidence.deviance > now.deviance and not _error(now, last, ()).passed and separate(now, last):

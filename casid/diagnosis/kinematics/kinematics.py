@@ -121,9 +121,9 @@ def reconstruct(
     attached: Sequence[Attached] = (),
     moving: Mapping[str, tuple[float, float]] = _CALM,
     start: FlightFit | None = None,
-    extent: Extent | tuple[float, ...] = "again",
+    extent: Extent | tuple[float, ...] = "rough",
 ) -> FlightFit:
-    """Subject-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
+    """Flight-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
     `gusts`).
     """
     flight = without_aerodynamics(flight)
@@ -145,12 +145,12 @@ def with_offsets(reconstructed: FlightFit) -> FlightFit:
     It must not be used to judge instruments: a bias would share its evidence with the offset.
     """
     given = reconstructed
-    return fit(given.flight, given.attached, given.noise, given, free="offsets", extent="nearly")
+    return fit(given.flight, given.attached, given.noise, given, free="offsets", extent="rough")
 
 
 def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """The reconstruction fitted again with other effects, in the same air."""
-    return fit(before.flight, attached, before.noise, before, free="effects", extent="again")
+    return fit(before.flight, attached, before.noise, before, free="effects", extent="rough")
 
 
 def with_causes(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:

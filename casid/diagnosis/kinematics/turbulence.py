@@ -60,13 +60,13 @@ class Turbulence:
     def along_all_axes(self) -> bool:
         """Return True if the statistic is large enough, and no single axis explains it."""
         least = self.criteria.verdict.missing
-        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.turbulence.other_axes * self.gain)
+        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.parts.tenth * self.gain)
         return self.gain > least and one_is_not_enough
 
     @property
     def slow(self) -> bool:
         """Return True if slow latent inputs of the air explain most of the statistic."""
-        return self.as_histories > self.criteria.turbulence.slow * self.gain
+        return self.as_histories > self.criteria.parts.most * self.gain
 
 
 # axes -> channels that are needed to leave the forces free
@@ -150,7 +150,9 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     readings = [name for name, one in zip(fitted.model.outputs, moved, strict=True) if one]
     velocities = {name: sigma for name, (sigma, _) in noise.coloured.items()}
     alone = [(name,) for name in readings]
-    bounds = {name: (search.least * noise.measurement[name], noise.measurement[name]) for name in readings}
+    bounds = {
+        name: (fitted.criteria.parts.half * noise.measurement[name], noise.measurement[name]) for name in readings
+    }
 
     def under(levels: Levels, noise: NoiseModel) -> NoiseModel:
         measurement = {name: levels.get(name, sigma) for name, sigma in noise.measurement.items()}
@@ -173,7 +175,7 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
         [[name for name in velocities if name in WIND], *((name,) for name in velocities if name not in WIND), *alone],
         search.factors[-1:],
         search.sweeps,
-        search.gained,
+        fitted.criteria.numerics.fit.rough[1],
     )
     return under(found, fitted.noise)
 
@@ -266,11 +268,11 @@ def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
     worse = flight.criteria.significance.search
     begin = velocities[len(velocities) // 2]
 
-    no_step = (1, flight.criteria.numerics.fit.nearly[1])
+    no_step = (1, flight.criteria.numerics.fit.rough[1])
 
     def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, step: bool = True) -> FlightFit:
         moving = gusts(flight, sigma, length=length, axes=axes)
-        return reconstruct(flight, calm.attached, moving, start, "nearly" if step else no_step).lighter()
+        return reconstruct(flight, calm.attached, moving, start, "rough" if step else no_step).lighter()
 
     def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
         """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
@@ -318,7 +320,7 @@ def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
     sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
-    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.parts.tenth**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 
 

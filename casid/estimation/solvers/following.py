@@ -17,9 +17,6 @@ from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Results, Stat
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
 _NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
-# parts of a step that are tried
-_SHRINK = 0.4
-_SHORTEST = 1e-3
 FLAT = 0.05  # of -ln(likelihood): less is no loss
 _MET = 1e-8  # scaled limits
 
@@ -76,7 +73,7 @@ class FollowingSearch:
             better = self.objective.misfit(value) < before + FLAT or value.worst() < at.value.worst()
             return (point, value, length) if better and np.isfinite(value.cost) else None
 
-        return longest(tried, _SHRINK, _SHORTEST)
+        return longest(tried)
 
     def _not_identifiable(self, at: Iteration, gone: tuple[str, ...]) -> Status:
         values = zip(self.objective.problem.parameters, at.point.theta, strict=True)

@@ -10,9 +10,11 @@ import numpy as np
 T = TypeVar("T")
 
 
-def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, first: float = 1.0) -> T | None:
+def longest(
+    tried: Callable[[float], T | None], shrink: float = 0.4, shortest: float = 0.01, first: float = 1.0
+) -> T | None:
     """Return what `tried` finds at the longest part of a step that it takes: first, then each shrunk, above the
-    shortest."""
+    shortest. By default as where a motion follows the parameters."""
     length = first
     while length > shortest:
         found = tried(length)

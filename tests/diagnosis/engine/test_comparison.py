@@ -148,7 +148,7 @@ def late() -> FlightFit:
     """The baseline of a flight in which nothing is wrong but that a noisily recorded elevator moves late."""
     hidden = replace(LATE, values={"value": 0.04})
     flight = prepare(do328(), flights([hidden], 2, rate_hz=50.0, surface_noise=2 * SURFACE_NOISE, size=0.4))
-    return fit(flight, (), flight.noise(), extent="first")
+    return fit(flight, (), flight.noise(), extent="settled")
 
 
 def test_a_lag_gains_nothing_by_smoothing_the_record(late: FlightFit) -> None:
@@ -159,7 +159,7 @@ def test_a_lag_gains_nothing_by_smoothing_the_record(late: FlightFit) -> None:
     )
     assert delay.gain.exact > lag.gain.exact + 50.0
     assert not beside.fit.acting.coloured and beside.fit.noise_held
-    smoothing = fit(late.flight, [LAGGED], late.noise, late, extent="first")
+    smoothing = fit(late.flight, [LAGGED], late.noise, late, extent="settled")
     assert smoothing.acting.coloured
     assert late.deviance - smoothing.deviance > delay.gain.exact
     named = relaxed(beside.fit)

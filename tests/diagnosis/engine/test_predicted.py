@@ -26,7 +26,7 @@ def test_it_is_what_the_records_add_to_the_evidence_of_all(monkeypatch) -> None:
     seen = [whole.between(0.0, 9.0)]
     noise = prepare(rough_file(), [whole, held_out]).noise()
     before, after = (
-        weigh(fit(prepare(rough_file(), records), (), noise, extent="first"), discrepancy=False)
+        weigh(fit(prepare(rough_file(), records), (), noise, extent="settled"), discrepancy=False)
         for records in (seen, [*seen, held_out])
     )
     by_values = judge_on([held_out], before.fit)
@@ -44,8 +44,8 @@ def test_an_event_whose_end_no_record_holds_has_a_density(monkeypatch) -> None:
     event, again = (
         Attached(effect=stuck("delta_e"), values=values, onsets={one.name: late[one.name]}) for one in (seen, held_out)
     )
-    fitted = fit(begun, (event,), begun.noise(), extent="first")
+    fitted = fit(begun, (event,), begun.noise(), extent="settled")
     known = weigh(fitted, discrepancy=False)
     base = judge_on([held_out], known.fit)
-    there = fit(base.flight, (again,), base.noise, base, free="states", extent="motion")
+    there = fit(base.flight, (again,), base.noise, base, free="states", extent="settled")
     assert np.isfinite(predicted(there, known).deviance)

@@ -44,9 +44,9 @@ BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
 
 def state_of(flight: Subject, attached: list[Attached], rounds: tuple[Round, ...]) -> State:
     """A search that has found these causes, in calm air."""
-    calm = fit(flight, (), flight.noise(), extent="first")
+    calm = fit(flight, (), flight.noise(), extent="settled")
     still = KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=[])
-    evidence = weigh(fit(flight, attached, flight.noise(), calm, extent="first"))
+    evidence = weigh(fit(flight, attached, flight.noise(), calm, extent="settled"))
     return State(
         baseline=baseline_from(calm, still),
         evidence=evidence,
@@ -76,7 +76,7 @@ def test_a_fingerprint_has_the_order_of_the_readings() -> None:
     """A reading that a record does not have contributes nothing at its place; residuals are compared in that order."""
     first, second = flights([LAGGED], 3)[:2]
     flight = prepare(do328(), [first, second.with_channels(alpha=np.full(len(second), np.nan))])
-    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    base = weigh(fit(flight, (), flight.noise(), extent="settled"))
     trial, joint, _ = try_cause(base, trial_of(LAGGED).candidate, None, np.inf)
     seen = joint.fit.seen
     response = trial.fingerprint.reshape(seen.shape)
@@ -86,7 +86,7 @@ def test_a_fingerprint_has_the_order_of_the_readings() -> None:
 def test_a_cause_is_not_fitted_twice_beside_the_same_model() -> None:
     """The next best takes the place of a cause that is refused: as it was fitted in its round."""
     flight = prepare(do328(), flights([LAGGED], 3))
-    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    base = weigh(fit(flight, (), flight.noise(), extent="settled"))
     trial, joint, _ = try_cause(base, trial_of(LAGGED).candidate, None, np.inf)
     again, same, _ = try_cause(base, trial.candidate, None, np.inf)
     assert again is trial and same.fit.motion is joint.fit.motion and same.deviance == joint.deviance
@@ -110,7 +110,7 @@ SCALE, LIKE_IT, UNLIKE = (
 def test_what_comes_near_a_named_cause_is_predicted(size: float, named: Attached, rival: Attached, near: bool) -> None:
     """Truth: the statistics of both, fitted in one another's place, where a scale of `size` is hidden."""
     flight = prepare(do328(), flights([SCALE.with_values({"value": size})], 3))
-    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    base = weigh(fit(flight, (), flight.noise(), extent="settled"))
     best, other = (try_cause(base, trial_of(one).candidate, None, np.inf)[0] for one in (named, rival))
     beside = weigh(fit(flight, [best.candidate.attached], flight.noise(), base.fit, extent="settled"))
     assert may_come_near(beside, best, other) == near
@@ -168,7 +168,7 @@ def test_a_round_fits_each_event_once_and_no_cause_that_cannot_reach_the_best() 
 def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
     """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
     flight = prepare(do328(), flights([LATE.with_values({"value": 0.06}), BIAS], 3))
-    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    base = weigh(fit(flight, (), flight.noise(), extent="settled"))
     other = LATE if named is LAGGED else LAGGED
     fitted = [try_cause(base, trial_of(one).candidate, None, np.inf)[:2] for one in (named, other, BIAS)]
     tried = [checked(trial, joint.fit, base, None) for trial, joint in fitted]

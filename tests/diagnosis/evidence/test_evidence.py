@@ -76,7 +76,7 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0, "damping": 0.03})
     wave = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m1": 12.0})
     flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
-    found = weigh(fit(flight, [mode, wave], flight.noise(), extent="first"))
+    found = weigh(fit(flight, [mode, wave], flight.noise(), extent="settled"))
     of_mode, of_gust = (
         left_open(found, [slot.name for slot in found.fit.slots].index(one.name))[0] for one in (mode, wave)
     )

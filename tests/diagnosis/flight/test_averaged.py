@@ -45,7 +45,7 @@ def test_a_lag_is_as_large_and_as_certain_in_averages(hold: str) -> None:
     begun, lags = replace(LAG, values={"value": 0.06}), []
     for average in (False, True):
         flight = prepare(do328(), records, average=average)
-        fitted = fit(flight, [begun], flight.noise(), extent="first")
+        fitted = fit(flight, [begun], flight.noise(), extent="settled")
         lags.append((flight.every, fitted[LAG.name], fitted.std(LAG.name)))
     (one, _, std_of_all), (every, lag, std) = lags
     assert one == 1 and every > 1
@@ -56,7 +56,7 @@ def test_a_lag_is_as_large_and_as_certain_in_averages(hold: str) -> None:
 def test_noise_and_error_are_reported_for_samples_as_recorded() -> None:
     """Truth: the noise that was flown. It is all that the right model leaves."""
     flight = prepare(do328(), flights(seed=4, count=2, rate_hz=100.0), average=True)
-    found = view_of(fit(flight, [], flight.noise(), extent="first")).channels
+    found = view_of(fit(flight, [], flight.noise(), extent="settled")).channels
     assert flight.every > 1
     for name in ("V", "q", "phi"):
         assert found[name].noise == pytest.approx(NOISE[name], rel=0.1)

@@ -55,7 +55,7 @@ def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linea
     hidden = Attached(effect=operator("delta_r"), values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     start = replace(hidden, values={"value": 0.7 * size})
-    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), extent="first")
+    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), extent="settled")
     evidence = weigh(fitted)
     assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
     assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
@@ -68,7 +68,7 @@ def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     base = fit(flight, (), flight.noise())
     begin = [replace(hidden, values={"value": 0.007, "rest": 0.0}), replace(hidden, values={"value": 0.007})]
-    free, middle = (fit(flight, [one], flight.noise(), base, extent="first") for one in begin)
+    free, middle = (fit(flight, [one], flight.noise(), base, extent="settled") for one in begin)
     assert free[hidden.name] == pytest.approx(0.01, rel=0.03)  # noise pushes a play open
     assert hidden.effect.in_words(free.attached[0].values)["rest"] == pytest.approx(rest, abs=0.1)
     assert middle.deviance > free.deviance + 500.0
@@ -81,7 +81,7 @@ def test_a_dead_zone_is_found_wherever_it_lies(about: float) -> None:
     hidden = Attached(effect=dead_zone("delta_e"), values={"value": 0.02, "about": about})
     flight = prepare(do328(), flights([hidden], seed=2, rate_hz=50.0, size=2.5))
     base = fit(flight, (), flight.noise())
-    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="first")
+    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="settled")
     elsewhere = replace(hidden, values={"value": 0.02, "about": 1.0 - about})
     other = fit(flight, [elsewhere], flight.noise(), fitted, free="states")
     assert fitted[hidden.name] == pytest.approx(0.02, rel=0.03)
@@ -95,7 +95,7 @@ def test_a_dead_zone_of_which_one_end_is_reached_is_as_unsure_as_its_place() -> 
     hidden = Attached(effect=dead_zone("delta_e"), values={"value": 0.05, "about": 0.0})
     flight = prepare(do328(), flights([hidden], seed=2, rate_hz=50.0))
     base = fit(flight, (), flight.noise())
-    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="first")
+    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="settled")
     trim = float(np.median(np.concatenate([record.channels["delta_e"] for record in flight.records])))
     end = fitted[hidden.name] + fitted.attached[0].values["about"] * trim
     assert end == pytest.approx(0.05, abs=0.002)
@@ -109,7 +109,7 @@ def test_a_dead_zone_shows_although_the_surface_seems_to_do_a_third_of_what_it_d
     flight = prepare(do328(), flights([hidden], seed=3))
     base = fit(flight, (), flight.noise())
     found = _screened(base, hidden.effect)
-    fitted = fit(flight, [found], flight.noise(), base, extent="trial")
+    fitted = fit(flight, [found], flight.noise(), base, extent="rough")
     assert 0.5 < found.values["value"] / 0.03 < 2.0
     assert fitted[hidden.name] == pytest.approx(0.03, rel=0.02)
     assert base.deviance - fitted.deviance > 10_000.0
@@ -137,7 +137,7 @@ def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> Non
     limited = Attached(effect=rate_limit("delta_e"), values={"value": 0.04})
     flight = prepare(do328(), flights([limited], seed=1, rate_hz=25.0))
     base = fit(flight, (), flight.noise())
-    compared = fit(flight, [limited], flight.noise(), base, extent="first")
+    compared = fit(flight, [limited], flight.noise(), base, extent="settled")
     assert compared.noise_held
     assert missing_inputs(weigh(compared))[0].gain > 300.0
     anew = relaxed(compared)
@@ -158,7 +158,9 @@ def test_a_cause_gains_neither_by_a_stronger_nor_by_a_weaker_control(effectivene
 def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
     """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
     flight = prepare(do328(), flights([LATE], seed=1))
-    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), extent="first")
+    found = fit(
+        flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), extent="settled"
+    )
     assert found.converged
     assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
 
@@ -178,7 +180,7 @@ def test_a_lag_stays_above_zero_from_far_away(guess: float) -> None:
     """The truth is the lag that was flown; the first full step goes below zero, where its size acts all the same."""
     flown = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
     flight = prepare(do328(), flights([flown], seed=1))
-    found = fit(flight, [flown.with_values({"value": guess})], flight.noise(), extent="first")
+    found = fit(flight, [flown.with_values({"value": guess})], flight.noise(), extent="settled")
     assert found.converged
     assert abs(found["actuator_lag(delta_e)"] - 0.05) < 3.0 * found.std("actuator_lag(delta_e)")
 
@@ -199,7 +201,7 @@ def test_a_model_that_misses_something_is_fitted_to_the_end(missing: Effect, sur
     size = {"sensor_delay": 0.15, "rate_limit": 0.08, "actuator_lag": 0.12}[missing.kind]
     hidden = Attached(effect=missing, values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, surface_noise=surface_noise * SURFACE_NOISE))
-    fitted = fit(flight, (), flight.noise(), extent="first")
+    fitted = fit(flight, (), flight.noise(), extent="settled")
     assert fitted.converged
     step = _step_from(fitted)
     assert np.all(np.abs(step) < 0.05 * np.sqrt(np.diag(fitted.covariance)))
@@ -369,7 +371,7 @@ def test_a_fit_without_an_effect_is_made_once_and_the_same_from_either_side() ->
     both = fit(flight, [*alone.attached, slow], flight.noise(), alone, extent="settled")
     near = without(both, {slow.name}, alone)
     assert without(both, {slow.name}) is near
-    for again in (near, without(fit(flight, both.attached, flight.noise(), both, extent="first"), {slow.name})):
+    for again in (near, without(fit(flight, both.attached, flight.noise(), both, extent="settled"), {slow.name})):
         assert [one.name for one in again.attached] == [late.name]
         assert again.deviance == pytest.approx(alone.deviance, abs=1.0)
         assert np.all(np.abs(again.values - alone.values) < 0.3 * np.sqrt(np.diag(alone.covariance)))

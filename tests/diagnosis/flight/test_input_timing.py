@@ -25,7 +25,7 @@ SURFACES = ("delta_e", "delta_a", "delta_r")
 def fitted(records: list[Record]) -> FlightFit:
     """The baseline of records that say nothing of how their inputs run."""
     flight = prepare(rough_file(), records)
-    return fit(flight, [], flight.noise(), extent="first")
+    return fit(flight, [], flight.noise(), extent="settled")
 
 
 def every_second(record: Record) -> Record:
@@ -61,7 +61,7 @@ def test_a_hold_from_one_recorded_sample_to_the_next_is_found_in_averages(axes: 
     records = flights(seed=3, count=2, rate_hz=100.0, hold="held")
     flight = prepare(rough_file(), records, axes=axes, average=True)
     assert flight.every > 1
-    assert held_share(fit(flight, [], flight.noise(), extent="first")) == 1.0
+    assert held_share(fit(flight, [], flight.noise(), extent="settled")) == 1.0
 
 
 @pytest.mark.parametrize(

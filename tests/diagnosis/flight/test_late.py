@@ -22,7 +22,7 @@ def test_a_late_channel_that_is_read_rarely() -> None:
         records.append(record.with_channels(beta=rare))
     flight = prepare(do328(), records)
     start = Attached(effect=sensor_delay("beta"), values={"value": 0.05})
-    fitted = fit(flight, [start], flight.noise(), extent="first")
+    fitted = fit(flight, [start], flight.noise(), extent="settled")
     name = start.name
     assert fitted.converged
     assert abs(fitted[name] - 0.12) < 4.0 * fitted.std(name)

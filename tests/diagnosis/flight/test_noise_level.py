@@ -96,7 +96,7 @@ def test_a_noise_that_the_file_states_leaves_that_of_the_others_to_the_fit() -> 
     stated = replace(do328(), noise={"alpha": NOISE["alpha"]})
     flight = unread(prepare(stated, measured(50.0, 5.0, 0.0)))
     assert flight.noise_by_fit and "alpha" not in flight.doubted
-    found = in_colour(fit(flight, [], flight.noise(), extent="first")).noise
+    found = in_colour(fit(flight, [], flight.noise(), extent="settled")).noise
     assert found.measurement["alpha"] == NOISE["alpha"] and set(found.colour) == set(flight.outputs) - {"alpha"}
 
 
@@ -104,7 +104,7 @@ def test_the_level_that_a_true_model_leaves_is_the_noise_that_was_added() -> Non
     """Surfaces are recorded without noise; the r.m.s. of 500 readings has a 1-sigma of 3 %."""
     flight = prepare(do328(), flights(seed=1, count=1, surface_noise=0.0))
     flight = replace(flight, doubted=flight.outputs)
-    found = level_of(fit(flight, [], flight.noise(), extent="first"))
+    found = level_of(fit(flight, [], flight.noise(), extent="settled"))
     assert found == pytest.approx({name: NOISE[name] for name in flight.outputs}, rel=0.15)
 
 

@@ -29,7 +29,7 @@ def flown() -> tuple[Record, ...]:
 
 def fitted(records: tuple[Record, ...]) -> FlightFit:
     flight = prepare(rough_file(), records)
-    return fit(flight, _HIDDEN, flight.noise(), extent="first")
+    return fit(flight, _HIDDEN, flight.noise(), extent="settled")
 
 
 def with_outliers(share: float, size: float) -> tuple[tuple[Record, ...], np.ndarray]:
@@ -55,8 +55,8 @@ def test_noise_alone_shows_none_nor_does_what_a_model_misses() -> None:
     assert without_outliers(clean) is clean
     late = Attached(effect=input_delay("delta_e"), values={"value": 0.04})
     flight = prepare(rough_file(), flights([late], seed=3, count=3))
-    missing = fit(flight, [], flight.noise(), extent="first")
-    assert missing.deviance > fit(flight, [late], flight.noise(), extent="first").deviance + 1000.0
+    missing = fit(flight, [], flight.noise(), extent="settled")
+    assert missing.deviance > fit(flight, [late], flight.noise(), extent="settled").deviance + 1000.0
     assert not outliers(missing).any()
 
 

@@ -53,7 +53,7 @@ def test_vanes_that_wander_are_no_moving_air() -> None:
     flight = in_calm_air()
     by_kinematics = turbulence(flight, reconstruct(flight))
     assert by_kinematics.named and by_kinematics.gain > 1000.0
-    refitted = fit(flight, [], flight.noise(), extent="first")
+    refitted = fit(flight, [], flight.noise(), extent="settled")
     assert not moves_the_aircraft(by_kinematics, refitted)
     assert not judge_kinematics(flight, [], [], refitted).turbulence.named
 
@@ -69,6 +69,6 @@ def test_vanes_that_wander_are_no_moving_air() -> None:
 )
 def test_turbulence_is_named_with_its_size_beside_slow_noise_of_all_channels(sigma: float, slow: bool) -> None:
     flight = in_moving_air(sigma, slow)
-    found = judge_kinematics(flight, [], [], fit(flight, [], flight.noise(), extent="first")).turbulence
+    found = judge_kinematics(flight, [], [], fit(flight, [], flight.noise(), extent="settled")).turbulence
     assert found.named
     assert abs(found.sigma - sigma) < 3.0 * found.std, (found.sigma, found.std)
