@@ -27,7 +27,7 @@ from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.model.vocabulary import check_effect
-from casid.records.toml_file import read_toml
+from casid.records.limits import read_toml
 from casid.signals import CHANNELS
 
 _TRIM = ("V", "altitude", "rho", "alpha", "theta", "delta_e", "delta_a", "delta_r", "thrust", "gravity")

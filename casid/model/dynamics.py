@@ -35,12 +35,13 @@ from casid.model.path import (
 )
 from casid.model.rotors import acting_inputs, parameters_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
-from casid.model.system import EquationForm, Model, filled
+from casid.model.system import EquationForm, Model
 from casid.model.terms import derivative_term
 from casid.model.vectors import accelerations_at, minus
 from casid.model.with_effects import completed, is_masked, stations_of
 from casid.records.given import given_record
-from casid.records.record import Record, check_radians
+from casid.records.record import Record, check_radians, filled
+from casid.records.series import across_gaps, unwrapped
 from casid.signals import SURFACES, scale_of, unit_of
 
 
@@ -202,8 +203,7 @@ def _leaning(record: Record) -> dict[str, np.ndarray]:
 
 def _slope(record: Record, series: np.ndarray) -> np.ndarray:
     """(N,) slope of a series by parabolas over a part of a second."""
-    good = np.isfinite(series)
-    whole = np.interp(record.t, record.t[good], series[good])
+    whole = across_gaps(record.t, series)
     window = min(2 * max(round(_SLOPE_S / (2.0 * record.dt)), 1) + 1, (len(record) - 1) // 2 * 2 + 1)
     if window < 3:
         return np.gradient(whole, record.t)
@@ -560,14 +560,6 @@ def _check_complete(record: Record, inputs: Sequence[str]) -> None:
                 f"record '{record.name}', t = {record.t[gaps[0]]:.6g} s: the sample of input {name} is missing (nan), "
                 f"{len(gaps)} in all; an input must be complete: fill the gaps, or cut the record there"
             )
-
-
-def unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Without jumps by a full turn from one sample that is there to the next [rad]."""
-    there = np.isfinite(angle)
-    unwrapped = angle.copy()
-    unwrapped[there] = np.unwrap(angle[there])
-    return unwrapped
 
 
 def _air_data_of_frozen_plane(aircraft: Aircraft, record: Record, axes: str) -> dict[str, np.ndarray]:

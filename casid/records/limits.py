@@ -14,6 +14,7 @@ import os
 import pickle
 import signal
 import sys
+import tomllib
 import warnings
 import xml.etree.ElementTree as ET
 import zlib
@@ -79,6 +80,16 @@ def read_json(path: Path, expected: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InputError(f"{path}: holds no table; expected {expected}")
     return found
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Content of a TOML file; raises InputError when it cannot be read or is not TOML."""
+    raw = read_bytes(Path(path), MOST_BYTES_OF_A_MODEL)
+    try:
+        return tomllib.loads(raw.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, a number of thousands of digits
+        fault = str(error).splitlines()[0] if str(error) else "nested too deeply"
+        raise InputError(f"{path}: not valid TOML: {fault}") from None
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from casid.records.checks import TURNS, checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.contents import Contents
+from casid.records.series import across_gaps
 from casid.records.table import RawTable
 from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, si_factor, unit_of
 
@@ -366,6 +367,13 @@ def _channel(name: Any, values: Any, t: np.ndarray, where: str) -> np.ndarray:
     if len(infinite):
         raise InputError(f"{where}: channel '{name}' is infinite at sample {infinite[0]}; NaN says that one is missing")
     return samples
+
+
+def filled(record: Record, name: str, default: float = 0.0) -> np.ndarray:
+    """A channel with missing samples interpolated; a constant where the record has none of it."""
+    if name not in record or not np.isfinite(record[name]).any():
+        return np.full(len(record), default)
+    return across_gaps(record.t, record[name])
 
 
 def check_radians(record: Record, least: float = 0.0) -> None:
