@@ -280,10 +280,9 @@ class Record:
         for what, value in (("start", start), ("stop", stop)):
             if not isinstance(value, Real):
                 raise InputError(f"record '{self.name}': {what} is {given(value)}; expected a time in s")
-        if not ((self.t >= start) & (self.t < stop)).any():
-            span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no time at all"
-            raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {span}")
         keep = (self.t >= start) & (self.t < stop)
+        if not keep.any():
+            raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {_span(self.t)}")
         channels = {k: v[keep] for k, v in self.channels.items()}
         t = self.t[keep]
         events = {k: tuple(one for one in times if t[0] <= one <= t[-1]) for k, times in self.events.items()}
@@ -321,10 +320,13 @@ def _checked_events(events: Any, t: np.ndarray, where: str) -> Mapping[str, tupl
         own = _samples(times if np.ndim(times) else [times], what)
         for one in own.tolist():
             if not (len(t) and t[0] <= one <= t[-1]):
-                span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
-                raise InputError(f"{what}: {one:g} s is outside the record, which has {span}")
+                raise InputError(f"{what}: {one:g} s is outside the record, which has {_span(t)}")
         found[name] = tuple(sorted(own.tolist()))
     return MappingProxyType(found)
+
+
+def _span(t: np.ndarray) -> str:
+    return f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
 
 
 def _samples(values: Any, what: str) -> np.ndarray:
