@@ -183,6 +183,6 @@ def _alive(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # it is there, and somebody else's
-        pass
+    except PermissionError:
+        return True
     return True

@@ -104,12 +104,12 @@ def sound(path: Path, expected: str) -> Iterator[None]:
 
 
 @contextmanager
-def of_file(path: str | Path) -> Iterator[None]:
-    """A block that reads the content of a file: its InputErrors name the file."""
+def of_file(place: str | Path) -> Iterator[None]:
+    """A block that reads the content of a file, or of a part of one: its InputErrors name that place."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        raise InputError(f"{place}: {str(error).removeprefix(f'{place}: ')}") from None
 
 
 def xml_root(content: str | bytes) -> ET.Element:
