@@ -24,10 +24,11 @@ from casid.arguments import number
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.dynamics import has_aerodynamics, unwrapped
+from casid.model.dynamics import has_aerodynamics
 from casid.model.flown_records import axes_of
 from casid.records.given import given_records
 from casid.records.record import Record
+from casid.records.series import unwrapped
 from casid.signals import si_factor
 
 _FEWEST = 16  # samples of a manoeuvre

@@ -16,7 +16,7 @@ from casid.acceptance.manoeuvres import MANOEUVRES
 from casid.acceptance.quantities import QUANTITIES
 from casid.arguments import a_path, given, number, one_of
 from casid.errors import InputError, check_known
-from casid.records.toml_file import read_toml
+from casid.records.limits import read_toml
 from casid.signals import CHANNELS, label_of, si_factor
 
 CALIBRATED = "calibrated_airspeed"  # m/s, computed from V, density and pressure altitude of flight and simulation

@@ -17,7 +17,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.rotor_criteria import RotorCriteria
 from casid.model.library import SystemCriteria
-from casid.records.toml_file import read_toml
+from casid.records.limits import read_toml
 
 _GAIN = "2 ln L"
 

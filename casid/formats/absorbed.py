@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,17 +43,22 @@ class Absorbed:
         ]
 
 
+def terms_of(aircraft: Aircraft) -> Iterator[tuple[str, str, float]]:
+    """(coefficient, canonical term, value) of every derivative and further term of an aircraft."""
+    for name, value in aircraft.derivatives.items():
+        coefficient, term = derivative_term(name)
+        yield coefficient, term.name, value
+    for coefficient, terms in aircraft.terms.items():
+        yield from ((coefficient, term, value) for term, value in terms.items())
+
+
 def absorbed(aircraft: Aircraft) -> Absorbed:
     """Mass, inertia and aerodynamic terms among the effects become numbers of the aircraft; the others are left."""
     mass = aircraft.mass
     inertia = {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz")}
     rows: dict[str, dict[str, float]] = {}
-    for name, value in aircraft.derivatives.items():
-        coefficient, term = derivative_term(name)
-        add_term(rows, coefficient, term.name, value)
-    for coefficient, terms in aircraft.terms.items():
-        for term, value in terms.items():
-            add_term(rows, coefficient, term, value)
+    for coefficient, term, value in terms_of(aircraft):
+        add_term(rows, coefficient, term, value)
     left: list[str] = []
     rotors = aircraft.rotors
     # where hover is, is asked of the mass: effects of loading first

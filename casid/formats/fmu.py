@@ -11,7 +11,7 @@ import atexit
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import c_double, c_uint
+from ctypes import c_uint
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
+from numpy.ctypeslib import as_ctypes
 
 from casid.arguments import a_path, names, number
 from casid.errors import InputError, check_known
@@ -186,18 +187,18 @@ class _Running:
         self.where = where
         self.at: tuple[float, ...] | None = None
         self.in_use = Lock()  # a unit has one state, and calls of several threads would mix
-        self.x, self.xdot = _Numbers(len(own.states)), _Numbers(len(own.states))
-        self.u, self.y = _Numbers(len(own.inputs)), _Numbers(len(own.outputs))
+        self.x, self.xdot = np.zeros(len(own.states)), np.zeros(len(own.states))
+        self.u, self.y = np.zeros(len(own.inputs)), np.zeros(len(own.outputs))
         self.of_u, self.of_y = _references(own.inputs), _references(own.outputs)
 
     def rates(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         own = self.own.states
-        call = partial(self.unit.fmi2GetDerivatives, self.unit.component, self.xdot.pointer, len(own))
+        call = partial(self.unit.fmi2GetDerivatives, self.unit.component, as_ctypes(self.xdot), len(own))
         return self._by_point(v, own, self.xdot, call)
 
     def outputs(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         own = self.own.outputs
-        call = partial(self.unit.fmi2GetReal, self.unit.component, self.of_y, len(own), self.y.pointer)
+        call = partial(self.unit.fmi2GetReal, self.unit.component, self.of_y, len(own), as_ctypes(self.y))
         return self._by_point(v, own, self.y, call)
 
     def depends_on_time(self) -> bool:
@@ -207,7 +208,7 @@ class _Running:
         return any(np.ptp(x) > 0.0 for found in (self.rates(later), self.outputs(later)) for x in found.values())
 
     def _by_point(
-        self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], into: _Numbers, call: Callable[[], Any]
+        self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], into: np.ndarray, call: Callable[[], Any]
     ) -> dict[str, np.ndarray]:
         own = self.own
         unit = self.unit
@@ -220,21 +221,21 @@ class _Running:
         times = v.get("t", np.zeros(count)).tolist()
         found = np.zeros((count, len(gives)))
         component = unit.component
-        x = self.x
-        u = self.u
+        x = as_ctypes(self.x)
+        u = as_ctypes(self.u)
         with self.in_use:
             try:
                 for k, wanted in enumerate(map(tuple, parameters.tolist())):
                     if wanted != self.at:
                         self._with_parameters(wanted)
                     unit.fmi2SetTime(component, times[k])
-                    x.values[:] = states[k]
-                    unit.fmi2SetContinuousStates(component, x.pointer, len(x.values))
+                    self.x[:] = states[k]
+                    unit.fmi2SetContinuousStates(component, x, len(x))
                     if m:
-                        u.values[:] = inputs[k]
-                        unit.fmi2SetReal(component, self.of_u, m, u.pointer)
+                        self.u[:] = inputs[k]
+                        unit.fmi2SetReal(component, self.of_u, m, u)
                     call()
-                    found[k] = into.values
+                    found[k] = into
             except Exception as error:  # of fmpy: the unit refused a call
                 self.at = None
                 raise InputError(f"{self.where}: {_first_line(error)}") from None
@@ -258,14 +259,6 @@ class _Running:
             if not again:
                 break
         unit.enterContinuousTimeMode()
-
-
-class _Numbers:
-    """`values` (n,) of which the unit has the address."""
-
-    def __init__(self, count: int) -> None:
-        self.pointer = (c_double * count)()
-        self.values = np.ctypeslib.as_array(self.pointer)
 
 
 def _references(variables: Sequence[_Variable]) -> Any:

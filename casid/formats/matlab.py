@@ -8,8 +8,8 @@ import numpy as np
 
 from casid.arguments import identifier
 from casid.errors import InputError
+from casid.formats.absorbed import terms_of
 from casid.model.aircraft import Aircraft
-from casid.model.terms import derivative_term
 
 _SCALARS = ("name", "mass", "gravity", "area", "moment_length_lateral", "moment_length_pitch")
 _SCALARS += ("rate_length_lateral", "rate_length_pitch", "thrust_line_z", "force_axes")
@@ -29,12 +29,7 @@ def struct_of(aircraft: Aircraft) -> dict[str, Any]:
     found |= {name: list(getattr(aircraft, name)) for name in _POSITIONS}
     found["inertia"] = {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz", "Ixy", "Iyz")}
     found["trim"], found["noise"] = dict(aircraft.trim), dict(aircraft.noise)
-    found["terms"] = [_term(name, value) for name, value in aircraft.derivatives.items()]
-    found["terms"] += [
-        {"coefficient": coefficient, "term": term, "value": value}
-        for coefficient, row in aircraft.terms.items()
-        for term, value in row.items()
-    ]
+    found["terms"] = [{"coefficient": c, "term": term, "value": value} for c, term, value in terms_of(aircraft)]
     found["tables"] = [
         {
             "name": one.name,
@@ -75,11 +70,6 @@ def matlab_text(struct: dict[str, Any]) -> str:
 def mat_of(struct: dict[str, Any]) -> dict[str, Any]:
     """The struct for scipy.io.savemat: lists of structs become arrays of structs."""
     return {key: _for_mat(value) for key, value in struct.items()}
-
-
-def _term(name: str, value: float) -> dict[str, Any]:
-    coefficient, term = derivative_term(name)
-    return {"coefficient": coefficient, "term": term.name, "value": value}
 
 
 def _for_mat(value: Any) -> Any:

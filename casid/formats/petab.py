@@ -224,10 +224,8 @@ class _Reading:
         for column, names in self.named.items():
             if column in self.tables.sbml.states or column not in plain:
                 continue
-            own = [column, *(f"{column} is {n}" for n in names)]
-            changing = self.changing.get(column, own)
-            value, *weights = changing if changing[0] in plain else own
-            symbols[column] = _weighed(plain, value, weights, names)
+            now = " now" if f"{column} now" in plain else ""
+            symbols[column] = _weighed(plain, f"{column}{now}", [f"{column} is {n}{now}" for n in names], names)
         for name, parts in self.sampled.items():
             if name in plain:
                 symbols[name] = _weighed(plain, name, [f"{name} is {n}" for n in parts], parts)

@@ -8,16 +8,16 @@ whose time depends on the state or that do anything but add to it.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
 from casid.errors import InputError, unknown
-from casid.formats.operators import ONE, REDUCED
+from casid.formats.operators import ONE, REDUCED, Operators
 from casid.records.limits import MOST_BYTES_OF_A_MODEL, MOST_DEPTH, apart, read_bytes
 
 
@@ -261,8 +261,22 @@ def _tree(node: Any, where: str, depth: int = 0) -> Formula:
 
 _CONSTANTS = {"pi": ca.pi, "e": math.e, "true": 1.0, "false": 0.0}
 _RELATIONS = ("eq", "neq", "gt", "geq", "lt", "leq")
-_ONE = ONE | {name: getattr(ca, name) for name in ("sinh", "cosh", "tanh")} | {"ceiling": ca.ceil}
-_ONE |= {f"arc{name}": getattr(ca, f"a{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+_FEWEST = {"plus": 0, "times": 0, "divide": 2, "power": 2}  # arguments
+_OPERATORS = Operators(
+    one=ONE
+    | {name: getattr(ca, name) for name in ("sinh", "cosh", "tanh")}
+    | {f"arc{name}": getattr(ca, f"a{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+    | {"minus": operator.neg, "root": ca.sqrt, "log": lambda x: ca.log(x) / ca.log(10.0), "ceiling": ca.ceil},
+    two={
+        "minus": operator.sub,
+        "divide": operator.truediv,
+        "power": operator.pow,
+        "root": lambda degree, x: x ** (1.0 / degree),
+        "log": lambda base, x: ca.log(x) / ca.log(base),
+    },
+    reduced=REDUCED | {"plus": operator.add, "times": operator.mul, "xor": lambda a, b: a + b - 2.0 * a * b},
+)
+_NOTHING = {"plus": 0.0, "times": 1.0}  # of no arguments
 
 
 def translated(tree: Formula | float, scope: Scope) -> ca.SX:
@@ -283,36 +297,17 @@ def translated(tree: Formula | float, scope: Scope) -> ca.SX:
 def _operation(name: str, parts: list[ca.SX], where: str) -> ca.SX:
     if len(parts) < _FEWEST.get(name, 1):
         raise InputError(f"{where}: '{name}' of {len(parts)} arguments; expected {_FEWEST.get(name, 1)} or more")
-    if name == "plus":
-        return sum(parts, ca.SX(0))
-    if name == "times":
-        return math.prod(parts, start=ca.SX(1))
-    if name == "minus":
-        return -parts[0] if len(parts) == 1 else parts[0] - parts[1]
-    if name == "divide":
-        return parts[0] / parts[1]
-    if name == "power":
-        return parts[0] ** parts[1]
-    if name == "root":
-        return ca.sqrt(parts[-1]) if len(parts) == 1 else parts[1] ** (1.0 / parts[0])
-    if name == "log":
-        return ca.log(parts[-1]) / ca.log(parts[0] if len(parts) == 2 else ca.SX(10.0))
+    if not parts:
+        return ca.SX(_NOTHING[name])
     if name == "piecewise":
         value = parts[-1] if len(parts) % 2 else ca.SX(0)
         for k in range(len(parts) // 2 - 1, -1, -1):
             value = ca.if_else(parts[2 * k + 1], parts[2 * k], value)
         return value
-    if name == "not":
-        return ca.logic_not(parts[0])
-    if name in _REDUCED:
-        return reduce(_REDUCED[name], parts)
-    if name in _ONE and len(parts) == 1:
-        return _ONE[name](parts[0])
-    raise InputError(f"{where}: the function '{name}' is not taken")
-
-
-_FEWEST = {"plus": 0, "times": 0, "divide": 2, "power": 2}  # arguments
-_REDUCED = REDUCED | {"xor": lambda a, b: a + b - 2.0 * a * b}
+    value = _OPERATORS(name, parts)
+    if value is None:
+        raise InputError(f"{where}: the function '{name}' is not taken")
+    return value
 
 
 def _relation(tree: Formula, scope: Scope) -> ca.SX:

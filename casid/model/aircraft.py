@@ -27,7 +27,7 @@ from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.model.vocabulary import check_effect
-from casid.records.toml_file import read_toml
+from casid.records.limits import of_file, read_toml
 from casid.signals import CHANNELS
 
 _TRIM = ("V", "altitude", "rho", "alpha", "theta", "delta_e", "delta_a", "delta_r", "thrust", "gravity")
@@ -283,10 +283,8 @@ class Aircraft(Airframe):
         if a_path(path, "Aircraft.read").suffix.lower() == ".xml":
             return cls.from_jsbsim(path)
         data = read_toml(path)
-        try:
+        with of_file(path):
             return cls(**fields_of(data, Path(path)))
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
 
     def write(self, path: str | Path, *, like: str | Path | None = None) -> None:
         """Write a TOML file from which `read` makes an equal Aircraft. The aerodynamics of another simulation's file
@@ -351,11 +349,10 @@ class Aircraft(Airframe):
             coefficient, term = derivative_term(name)
             terms.setdefault(coefficient, {})[term.name] = value
         try:
-            return own.rewritten(Path(own.path).read_text(encoding="utf-8"), terms, self.effects)
+            with of_file(own.path):
+                return own.rewritten(Path(own.path).read_text(encoding="utf-8"), terms, self.effects)
         except OSError as error:
             raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None
-        except InputError as error:
-            raise InputError(f"{own.path}: {error}") from None
 
 
 def _checked(

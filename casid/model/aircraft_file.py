@@ -30,6 +30,13 @@ def subtable(table: Mapping[str, Any], key: str, section: str) -> dict[str, Any]
     return value
 
 
+def numbered(value: Any, name: str) -> list[tuple[str, dict[str, Any]]]:
+    """(place in words, table) of each of the tables [[name]]; raises InputError for anything else."""
+    if not isinstance(value, list) or not all(isinstance(table, dict) for table in value):
+        raise InputError(f"{name.partition('.')[0]} are written as [[{name}]] tables, with double brackets")
+    return [(f"[[{name}]] number {position}", table) for position, table in enumerate(value, start=1)]
+
+
 def numbers(value: Any, what: str, count: int | None = None) -> tuple[float, ...]:
     """`value` as a tuple of finite floats, `count` of them when given; raises InputError."""
     if not isinstance(value, (list, tuple)) or (count is not None and len(value) != count):

@@ -15,13 +15,13 @@ from casid.above import ask_above
 from casid.arguments import given, number, numbers_by_name
 from casid.errors import InputError, check_known, nearest
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
-from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
+from casid.model.aircraft_file import check_keys, numbered, numbers, quoted, subtable, text
 from casid.model.airframe import INERTIAS, POSITIONS, PRODUCTS, Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.rotors import read_rotors, written_rotors
 from casid.model.tables import read_tables, written_table
 from casid.model.terms import parse_term
-from casid.records.limits import beside
+from casid.records.limits import beside, of_file
 from casid.signals import FOOT, POUND, SLUG, TONNE
 
 INCH = FOOT / 12.0
@@ -193,11 +193,8 @@ def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _effects(tables: Any) -> tuple[EffectValue, ...]:
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise InputError("effects are written as [[effects]] tables, with double brackets")
     effects = []
-    for position, table in enumerate(tables, start=1):
-        where = f"[[effects]] number {position}"
+    for where, table in numbered(tables, "effects"):
         check_keys(table, _EFFECT_KEYS, where, ("kind", "value"))
         for key in ("kind", "target", "term", "unit", "sentence"):
             text(table.get(key, ""), f"{where}: {key}")
@@ -205,10 +202,8 @@ def _effects(tables: Any) -> tuple[EffectValue, ...]:
             raise InputError(f"{where}: records is {given(table['records'])}; expected a list of names")
         for key in ("onset_s", "parameters"):
             subtable(table, key, where)
-        try:
+        with of_file(where):
             effects.append(EffectValue(**table))
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
     return tuple(effects)
 
 

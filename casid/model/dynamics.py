@@ -35,12 +35,13 @@ from casid.model.path import (
 )
 from casid.model.rotors import acting_inputs, parameters_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
-from casid.model.system import EquationForm, Model, filled
-from casid.model.terms import derivative_term
+from casid.model.system import EquationForm, Model
+from casid.model.terms import derivative_term, parse_term
 from casid.model.vectors import accelerations_at, minus
 from casid.model.with_effects import completed, is_masked, stations_of
 from casid.records.given import given_record
-from casid.records.record import Record, check_radians
+from casid.records.record import Record, check_radians, filled
+from casid.records.series import across_gaps, unwrapped
 from casid.signals import SURFACES, scale_of, unit_of
 
 
@@ -202,8 +203,7 @@ def _leaning(record: Record) -> dict[str, np.ndarray]:
 
 def _slope(record: Record, series: np.ndarray) -> np.ndarray:
     """(N,) slope of a series by parabolas over a part of a second."""
-    good = np.isfinite(series)
-    whole = np.interp(record.t, record.t[good], series[good])
+    whole = across_gaps(record.t, series)
     window = min(2 * max(round(_SLOPE_S / (2.0 * record.dt)), 1) + 1, (len(record) - 1) // 2 * 2 + 1)
     if window < 3:
         return np.gradient(whole, record.t)
@@ -299,11 +299,12 @@ def aircraft_model(
     by_equations = equations and not aircraft.rotors
     moving = MOVING[axes]
     moved = moved_coefficients(aircraft, axes)
-    aerodynamic = _given_values(aircraft)
+    own = _own_parameters(aircraft)
     symbolic = [one for one in found if one.effect.change is not None]
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
-    nominal = aerodynamic | {f"bias_{o}": 0.0 for o in _read(aircraft, {*further, *chosen})}
+    own |= {f"bias_{o}": (0.0, 0.0, unit_of(o)) for o in _read(aircraft, {*further, *chosen})}
+    nominal = {name: value for name, (value, _, _) in own.items()}
     nominal |= {name: value for one in symbolic for name, value in one.parameters.items()}
     disturbances = tuple(d for d in disturbance_names(aircraft) if d not in given)
     inputs = (*input_names(aircraft), *(s for s in STATES if s not in moving), *given)
@@ -324,7 +325,8 @@ def aircraft_model(
         ),
         by_station(symbolic),
     )
-    stds = {name: std for one in symbolic for name, std in one.prior_std.items()}
+    stds = {name: std for name, (_, std, _) in own.items() if std > 0.0}
+    units = {name: unit for name, (_, _, unit) in own.items()}
     bare = Model(
         name=aircraft.name,
         states=tuple(named_states),
@@ -341,9 +343,9 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std=_prior_std(aircraft, aerodynamic) | stds,
+        prior_std=stds | {name: std for one in symbolic for name, std in one.prior_std.items()},
         equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if by_equations else None,
-        units=_units(aircraft, nominal, symbolic),
+        units=units | {name: unit for one in symbolic for name, unit in one.units.items()},
         prepare=partial(flight_inputs, aircraft, axes=axes),
         extend=partial(_extended, aircraft, tuple(found), scope),
     )
@@ -387,20 +389,15 @@ def _read(aircraft: Aircraft, asked: Iterable[str]) -> tuple[str, ...]:
     return (*own, *(name for name in (*INTEGRALS, *GROUND) if name in asked))
 
 
-def _given_values(aircraft: Aircraft) -> dict[str, float]:
-    """Derivatives and terms of the file, the values of its free tables, and numbers of its rotors."""
-    derivatives = dict(aircraft.derivatives)
-    derivatives |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
-    derivatives |= {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
+def _own_parameters(aircraft: Aircraft) -> dict[str, tuple[float, float, str]]:
+    """Value, a-priori 1-sigma (0: none) and unit of the derivatives and terms of the file, of the values of its free
+    tables, and of numbers of its rotors."""
+    rows = {name: (value, derivative_term(name)[1].unit) for name, value in aircraft.derivatives.items()}
+    rows |= {f"{c}_{term}": (v, parse_term(term).unit) for c, row in aircraft.terms.items() for term, v in row.items()}
+    rows |= {name: (value, one.unit) for one in aircraft.tables if one.free for name, value in one.knots.items()}
+    found = {name: (value, aircraft.relative_uncertainty * abs(value), unit) for name, (value, unit) in rows.items()}
     of_rotors = parameters_of(aircraft.rotors) if aircraft.rotors else {}
-    return derivatives | {name: value for name, (value, _) in of_rotors.items()}
-
-
-def _prior_std(aircraft: Aircraft, values: Mapping[str, float]) -> dict[str, float]:
-    stds = {name: (aircraft.relative_uncertainty or 0.0) * abs(value) for name, value in values.items()}
-    if aircraft.rotors is not None:
-        stds |= {name: std for name, (_, std) in parameters_of(aircraft.rotors).items()}
-    return {name: std for name, std in stds.items() if std > 0.0}
+    return found | {name: (value, std, unit_of_parameter(name)) for name, (value, std) in of_rotors.items()}
 
 
 def _outputs(
@@ -442,18 +439,6 @@ def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
     given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
     given |= {table.coefficient for table in aircraft.tables}
     return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
-
-
-def _units(aircraft: Aircraft, names: Iterable[str], effects: Iterable[InForce]) -> dict[str, str]:
-    """Unit of each parameter, with those of effects and the knots of free tables."""
-    units = {name: one.unit for one in aircraft.tables if one.free for name in one.knots}
-    units |= {name: unit_of_parameter(name) for name in parameters_of(aircraft.rotors)} if aircraft.rotors else {}
-    units |= {name: unit for one in effects for name, unit in one.units.items()}
-    return units | {
-        name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
-        for name in names
-        if name not in units
-    }
 
 
 def standard_density(altitude: np.ndarray) -> np.ndarray:
@@ -560,14 +545,6 @@ def _check_complete(record: Record, inputs: Sequence[str]) -> None:
                 f"record '{record.name}', t = {record.t[gaps[0]]:.6g} s: the sample of input {name} is missing (nan), "
                 f"{len(gaps)} in all; an input must be complete: fill the gaps, or cut the record there"
             )
-
-
-def unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Without jumps by a full turn from one sample that is there to the next [rad]."""
-    there = np.isfinite(angle)
-    unwrapped = angle.copy()
-    unwrapped[there] = np.unwrap(angle[there])
-    return unwrapped
 
 
 def _air_data_of_frozen_plane(aircraft: Aircraft, record: Record, axes: str) -> dict[str, np.ndarray]:

@@ -45,8 +45,8 @@ from casid.model.causes import (
 from casid.model.effect import KINDS, Effect, Size
 from casid.model.in_force import known_of
 from casid.model.port import ModelPort as Port
-from casid.model.system import Model, filled, variables
-from casid.records.record import Record
+from casid.model.system import Model, variables
+from casid.records.record import Record, filled
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ import numpy as np
 from casid.arguments import given, number, require, sequence
 from casid.errors import InputError, unknown
 from casid.model import operators
-from casid.model.aircraft_file import check_keys, numbers, subtable, text
+from casid.model.aircraft_file import check_keys, numbered, numbers, subtable, text
 from casid.records.record import Record
 from casid.signals import CHANNELS
 
@@ -388,13 +388,9 @@ def read_rotors(table: Mapping[str, Any]) -> Rotors | None:
     if not table:
         return None
     check_keys(table, (*_SHARED, *_OF_ALL, "each"), "[rotors]", ("each",))
-    each = table["each"]
-    if not isinstance(each, list) or not all(isinstance(one, dict) for one in each):
-        raise InputError("rotors are written as [[rotors.each]] tables, with double brackets")
     shared = {name: table[name] for name in _SHARED if name in table}
     found = []
-    for position, one in enumerate(each, start=1):
-        where = f"[[rotors.each]] number {position}"
+    for where, one in numbered(table["each"], "rotors.each"):
         check_keys(one, (*_OWN, *_SHARED), where, ("name", "position", "spin"))
         own = {**shared, **one}
         if "thrust" not in own:

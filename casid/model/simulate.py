@@ -187,15 +187,19 @@ def _start(model: Model, start: object) -> np.ndarray:
         if missing:
             raise InputError(f"simulate: start has no {', '.join(missing)}; give a value of each state: {order}")
         start = [start[name] for name in model.states]
-    try:
-        state = np.asarray(start, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"simulate: start is {given(start)}; expected {len(model.states)} numbers: {order}") from None
+    state = _floats(start, "simulate: start", f"{len(model.states)} numbers: {order}")
     if state.shape != (len(model.states),):
         raise InputError(f"simulate: start has the shape {state.shape}; expected {len(model.states)} numbers: {order}")
     for name, value in zip(model.states, state.tolist(), strict=True):
         number(value, f"simulate: start of '{name}'")
     return state
+
+
+def _floats(value: object, what: str, expected: str) -> np.ndarray:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} is {given(value)}; expected {expected}") from None
 
 
 def _check_inputs(model: Model, record: Record) -> None:
@@ -209,10 +213,7 @@ def _check_inputs(model: Model, record: Record) -> None:
 
 
 def _series(series: object, what: str, n: int) -> np.ndarray:
-    try:
-        values = np.asarray(series, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} is {given(series)}; expected {n} numbers, one for each sample") from None
+    values = _floats(series, what, f"{n} numbers, one for each sample")
     if values.shape not in ((n,), ()):
         raise InputError(f"{what} has the shape {values.shape}; expected ({n},), one number for each sample")
     if not np.isfinite(values).all():

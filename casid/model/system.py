@@ -21,7 +21,7 @@ from casid.arguments import given, listed, names, number, numbers_by_name, one_l
 from casid.errors import InputError, check_known
 from casid.model.algebraic import algebraic_states
 from casid.model.expressions import Symbols, Vectors, check_symbols, column, evaluated, expressions
-from casid.records.record import Record
+from casid.records.record import Record, filled
 from casid.signals import scale_of
 
 if TYPE_CHECKING:
@@ -370,15 +370,6 @@ def unguessed_states(model: Model, records: Iterable[Record]) -> list[str]:
     if not isinstance(model.guess, partial) or model.guess.func is not _measured:
         return []
     return [s for s in model.states if any(s not in r or not np.isfinite(r[s]).any() for r in records)]
-
-
-def filled(record: Record, name: str, default: float = 0.0) -> np.ndarray:
-    """A channel with missing samples interpolated; a constant where the record has none of it."""
-    if name not in record or not np.isfinite(record[name]).any():
-        return np.full(len(record), default)
-    values = record[name]
-    good = np.isfinite(values)
-    return values if good.all() else np.interp(record.t, record.t[good], values[good])
 
 
 def _measured(states: Sequence[str], record: Record) -> np.ndarray:

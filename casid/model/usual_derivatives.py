@@ -29,16 +29,7 @@ USUAL_DERIVATIVES: Mapping[str, float] = MappingProxyType(
 
 # Smallest size of a derivative that differs notably from zero, per unit of its regressor.
 NOTABLE_DERIVATIVES: Mapping[str, float] = MappingProxyType(
-    {
-        "CL": 0.3,
-        "CD": 0.05,
-        "CX": 0.05,
-        "CZ": 0.3,
-        "CY": 0.1,
-        "Cl": 0.02,
-        "Cm": 0.1,
-        "Cn": 0.02,
-    }
+    {"CL": 0.3, "CD": 0.05, "CX": 0.05, "CZ": 0.3, "CY": 0.1, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 )
 
 

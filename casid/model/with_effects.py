@@ -34,8 +34,8 @@ from casid.model.in_force import (
     slope_input,
 )
 from casid.model.port import entering
-from casid.model.system import EquationForm, Model, filled, runge_kutta, substituted, variables
-from casid.records.record import Record
+from casid.model.system import EquationForm, Model, runge_kutta, substituted, variables
+from casid.records.record import Record, filled
 from casid.signals import scale_of
 
 _RECORDED = "recorded "  # a channel of which readings stand beside other samples than their own

@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 from scipy.special import erf
 
+from casid.native.sources import c_source
+
 # operation of CasADi -> its C of operands a and b, and what `tape` does with arrays of them
 ARITHMETIC = {
     ca.OP_ASSIGN: ("{a}", lambda a: a),
@@ -65,42 +67,6 @@ BY_LANE = {
 }
 _SINCE_GLIBC_2_22 = ("sin", "cos", "exp", "log")
 
-PRELUDE = r"""
-#include <math.h>
-#include <string.h>
-#if defined(__AVX512F__)
-#define W 8
-#elif defined(__AVX__)
-#define W 4
-#else
-#define W 2
-#endif
-typedef double V __attribute__((vector_size(8 * W)));
-#if defined(CASID_MVEC) && defined(__GLIBC__) && (defined(__AVX512F__) || defined(__AVX2__))
-#if defined(__AVX512F__)
-#define MVEC1(f) _ZGVeN8v_##f
-#define MVEC2(f) _ZGVeN8vv_##f
-#else
-#define MVEC1(f) _ZGVdN4v_##f
-#define MVEC2(f) _ZGVdN4vv_##f
-#endif
-#define VECTOR1(f) V MVEC1(f)(V); static inline V v_##f(V a) { return MVEC1(f)(a); }
-#define VECTOR2(f) V MVEC2(f)(V, V); static inline V v_##f(V a, V b) { return MVEC2(f)(a, b); }
-#if __GLIBC_PREREQ(2, 35)
-#define LATER1 VECTOR1
-#define LATER2 VECTOR2
-#endif
-#else
-#define VECTOR1 LANES1
-#endif
-#define LANES1(f) static inline V v_##f(V a) { V r; for (int i = 0; i < W; i++) r[i] = f(a[i]); return r; }
-#define LANES2(f) static inline V v_##f(V a, V b) { V r; for (int i = 0; i < W; i++) r[i] = f(a[i], b[i]); return r; }
-#ifndef LATER1
-#define LATER1 LANES1
-#define LATER2 LANES2
-#endif
-"""
-
 
 class UnknownOperationError(Exception):
     """A function contains what this emitter has no C for."""
@@ -115,7 +81,7 @@ def prelude() -> str:
     for op, (expression, _) in BY_LANE.items():
         body = f"for (int i = 0; i < W; i++) {{ double a = x[i], b = y[i]; (void)b; r[i] = {expression}; }}"
         lanes.append(f"static inline V lane_{op}(V x, V y) {{ V r; {body} return r; }}")
-    return "\n".join([PRELUDE, *first, *later, *two, *lanes])
+    return "\n".join([c_source("vectors"), *first, *later, *two, *lanes])
 
 
 def emit(function: ca.Function, name: str) -> str:

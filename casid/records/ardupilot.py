@@ -18,6 +18,9 @@ from casid.errors import InputError
 from casid.records.foreign import library, loaded
 from casid.records.log import EARTH, Series, attitude, lost, of_log
 from casid.records.table import RawTable
+from casid.signals import DEGREE
+
+Rows = Mapping[str, list[dict[str, Any]]]  # message -> its fields, each time that it is there
 
 _WANTED = ("IMU", "ATT", "XKQ", "NKQ", "ARSP", "BARO", "GPS", "XKF2", "NKF2", "AOA", "AETR", "RCOU", "PARM")
 _WANTED += ("BAT", "CURR", "EV", "STAT")
@@ -78,7 +81,7 @@ def _of_no_channel(log: Any) -> dict[str, str]:
 
 def table_of_messages(
     path: Path,
-    rows: Mapping[str, list[dict[str, Any]]],
+    rows: Rows,
     unread: Mapping[str, str],
     notes: tuple[str, ...] = (),
     log: str = "an ArduPilot log",
@@ -86,7 +89,7 @@ def table_of_messages(
     """Table of messages as DataFlash names them and their fields. Raises InputError where none is of a motion."""
     found = dict[str, Series]()
     said = list[str]()
-    for part in (_inertial, _attitude, _barometer, _ground, _air, _battery, _inputs):
+    for part in (_inertial, _attitude, _barometer, _ground, _air, _inputs):
         part(rows, found, said)
     if not {"p", "phi"} & found.keys():
         held = ", ".join(sorted(rows))
@@ -94,85 +97,80 @@ def table_of_messages(
     return of_log(path, found, _flying(rows), (f"{log} of a {said[0]}", *said[1:], *notes, *lost(found)), unread)
 
 
-def _columns(rows: Mapping[str, list[dict[str, Any]]], messages: str, *fields: str) -> tuple[np.ndarray, ...] | None:
-    """Stamps [s] and the fields of a message, the first one there of `messages` with blanks between them, or None."""
-    wanted = ("TimeUS", *fields)
-    found = ([row for row in rows.get(one, ()) if all(name in row for name in wanted)] for one in messages.split())
-    kept = next((some for some in found if len(some) > 1), None)
-    if kept is None:
-        return None
-    table = np.array([[row["TimeUS"] * 1e-6, *(row[name] for name in fields)] for row in kept], dtype=float)
-    later = np.concatenate([[True], np.diff(np.maximum.accumulate(table[:, 0])) > 0.0])
-    return tuple(table[later].T)
+def _fields(rows: Rows, messages: str, channels: Mapping[str, str], size: float = 1.0) -> dict[str, Series]:
+    """Channels that are fields of a message, the first one there of `messages` with blanks between them, of `size` in
+    SI each; none where no message has all of them."""
+    for message in messages.split():
+        kept = [row for row in rows.get(message, ()) if row.keys() >= {"TimeUS", *channels.values()}]
+        if len(kept) > 1:
+            t = np.array([row["TimeUS"] * 1e-6 for row in kept])
+            later = np.append(True, np.diff(np.maximum.accumulate(t)) > 0.0)
+            columns = {name: np.array([row[field] for row in kept], dtype=float) for name, field in channels.items()}
+            return {name: (t[later], size * values[later]) for name, values in columns.items()}
+    return {}
 
 
-def _inertial(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    for names in ({"p": "GyrX", "q": "GyrY", "r": "GyrZ"}, {"ax": "AccX", "ay": "AccY", "az": "AccZ"}):
-        if (read := _columns(rows, "IMU", *names.values())) is not None:
-            found |= {name: (read[0], values) for name, values in zip(names, read[1:], strict=True)}
+def _inertial(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
+    found |= _fields(rows, "IMU", {"p": "GyrX", "q": "GyrY", "r": "GyrZ"})
+    found |= _fields(rows, "IMU", {"ax": "AccX", "ay": "AccY", "az": "AccZ"})
 
 
-def _attitude(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    if (read := _columns(rows, "XKQ NKQ", "Q1", "Q2", "Q3", "Q4")) is not None:
-        found |= attitude(read[0], np.stack(read[1:], axis=1))
-    elif (read := _columns(rows, "ATT", "Roll", "Pitch", "Yaw")) is not None:
-        phi, theta, psi = (np.radians(values) for values in read[1:])
-        found |= {"phi": (read[0], phi), "theta": (read[0], theta), "psi": (read[0], np.unwrap(psi))}
+def _attitude(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
+    if turned := _fields(rows, "XKQ NKQ", {letter: f"Q{i}" for i, letter in enumerate("wxyz", 1)}):
+        found |= attitude(turned["w"][0], np.stack([values for _, values in turned.values()], axis=1))
+    elif angles := _fields(rows, "ATT", {"phi": "Roll", "theta": "Pitch", "psi": "Yaw"}, DEGREE):
+        t, psi = angles["psi"]
+        found |= angles | {"psi": (t, np.unwrap(psi))}
 
 
-def _barometer(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+def _barometer(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
     """Pressure altitude, since the altitude of BARO is counted from where it was switched on."""
-    if (read := _columns(rows, "BARO", "Press")) is not None:
-        found["altitude"] = read[0], (1.0 - (read[1] / _SEA_LEVEL) ** (1.0 / 5.25588)) / 2.25577e-5
+    if read := _fields(rows, "BARO", {"pressure": "Press"}):
+        t, pressure = read["pressure"]
+        found["altitude"] = t, (1.0 - (pressure / _SEA_LEVEL) ** (1.0 / 5.25588)) / 2.25577e-5
         notes.append("altitude is the pressure altitude of the standard atmosphere")
 
 
-def _ground(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    if (read := _columns(rows, "GPS", "Spd", "GCrs", "VZ")) is not None:
-        t, speed, course, down = read
-        course = np.radians(course)
-        found |= {"v_north": (t, speed * np.cos(course)), "v_east": (t, speed * np.sin(course)), "v_down": (t, down)}
-    if (read := _columns(rows, "GPS", "Lat", "Lng")) is not None:
-        latitude = np.radians(read[1])
-        longitude = np.radians(read[2])
-        found["north"] = read[0], EARTH * (latitude - latitude[0])
-        found["east"] = read[0], EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
-    if (read := _columns(rows, "XKF2 NKF2", "VWN", "VWE")) is not None:
-        found |= {"wind_north": (read[0], read[1]), "wind_east": (read[0], read[2])}
+def _ground(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
+    if read := _fields(rows, "GPS", {"speed": "Spd", "course": "GCrs", "v_down": "VZ"}):
+        t, speed = read["speed"]
+        course = np.radians(read["course"][1])
+        found |= {"v_north": (t, speed * np.cos(course)), "v_east": (t, speed * np.sin(course))}
+        found["v_down"] = read["v_down"]
+    if place := _fields(rows, "GPS", {"latitude": "Lat", "longitude": "Lng"}, DEGREE):
+        t, latitude = place["latitude"]
+        longitude = place["longitude"][1]
+        found["north"] = t, EARTH * (latitude - latitude[0])
+        found["east"] = t, EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
+    found |= _fields(rows, "XKF2 NKF2", {"wind_north": "VWN", "wind_east": "VWE"})
 
 
-def _air(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    if (read := _columns(rows, "ARSP", "Airspeed")) is not None:
-        t, V = read
+def _air(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
+    found |= _fields(rows, "ARSP", {"V": "Airspeed"})
+    if "V" in found:
+        t, V = found["V"]
         if "altitude" in found:
-            V = V * (1.0 - 2.25577e-5 * np.interp(t, *found["altitude"])) ** (-0.5 * 4.25588)
+            found["V"] = t, V * (1.0 - 2.25577e-5 * np.interp(t, *found["altitude"])) ** (-0.5 * 4.25588)
             notes.append("V is the indicated airspeed over the root of the standard relative density at that altitude")
         else:
             notes.append("V is the indicated airspeed: without pressure it cannot be made true")
-        found["V"] = t, V
-    if (read := _columns(rows, "AOA", "AOA", "SSA")) is not None:
-        found |= {"alpha_estimate": (read[0], np.radians(read[1])), "beta_estimate": (read[0], np.radians(read[2]))}
+    found |= _fields(rows, "AOA", {"alpha_estimate": "AOA", "beta_estimate": "SSA"}, DEGREE)
+    found |= _fields(rows, "BAT CURR", {"battery": "Volt"})
 
 
-def _battery(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    if (read := _columns(rows, "BAT CURR", "Volt")) is not None:
-        found["battery"] = read[0], read[1]
-
-
-def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+def _inputs(rows: Rows, found: dict[str, Series], notes: list[str]) -> None:
     """Read what went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
     out = _servos(rows, notes)
     found |= out
     rotors = any(name[0] == "m" for name in out)
-    if (read := _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")) is not None:
-        t, aileron, elevator, throttle, rudder = read
-        commands = {"delta_a_command": aileron, "delta_e_command": elevator, "delta_r_command": rudder}
-        found |= {name: (t, values / _FULL) for name, values in commands.items()} | {"throttle": (t, throttle / 100.0)}
+    commands = {"delta_a_command": "Ail", "delta_e_command": "Elev", "delta_r_command": "Rudd", "throttle": "Thr"}
+    for name, (t, command) in _fields(rows, "AETR", commands).items():
+        found[name] = t, command / (100.0 if name == "throttle" else _FULL)
     surfaces = any(name.endswith("_command") for name in found)
     notes.insert(0, "VTOL" if rotors and surfaces else "multirotor" if rotors else "plane")
 
 
-def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:
+def _servos(rows: Rows, notes: list[str]) -> dict[str, Series]:
     """Commands by pulse widths and the parameters of the servos at the beginning; of several for one surface the first.
     Motors are from 0 to 1. A function that is changed in flight is reported."""
     parameters = dict[str, float]()
@@ -186,10 +184,13 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
     found: dict[str, Series] = {}
     for n in range(1, 17):
         name = _FUNCTIONS.get(int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
-        read = _columns(rows, "RCOU", f"C{n}")
-        if read is not None and (name is None or name in found) and np.ptp(read[1]) > 0.0:
-            found[f"output_{n}"] = read[0], read[1]  # a pulse width [us] of what nobody says what it moves
-        if name is None or name in found or read is None:
+        read = _fields(rows, "RCOU", {"pulse": f"C{n}"})
+        if not read:
+            continue
+        t, pulse = read["pulse"]
+        if name is None or name in found:
+            if np.ptp(pulse) > 0.0:
+                found[f"output_{n}"] = t, pulse  # a pulse width [us] of what nobody says what it moves
             continue
         motor = name.startswith("m")
         ends, usual = ("MOT_PWM", (1000.0, 1500.0, 2000.0)) if motor else (f"SERVO{n}", (1100.0, 1500.0, 1900.0))
@@ -198,18 +199,17 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
         )
         sign = -1.0 if parameters.get(f"SERVO{n}_REVERSED", 0.0) and not motor else 1.0
         begin = low if motor or name == "throttle" else trim
-        up = max(high - begin, 1.0)
-        down = max(begin - low, 1.0)
-        off = read[1] - begin
-        found[name] = read[0], sign * np.where(off > 0.0, off / up, off / down)
+        off = pulse - begin
+        found[name] = t, sign * off / np.where(off > 0.0, max(high - begin, 1.0), max(begin - low, 1.0))
     return found
 
 
-def _flying(rows: Mapping[str, list[dict[str, Any]]]) -> Series | None:
+def _flying(rows: Rows) -> Series | None:
     """Read when the aircraft is in the air: of a plane by its own guess, of a copter by the events of its land
     detector."""
-    if (read := _columns(rows, "STAT", "isFlying")) is not None:
-        return read[0], read[1] > 0.0
+    if state := _fields(rows, "STAT", {"flies": "isFlying"}):
+        t, flies = state["flies"]
+        return t, flies > 0.0
     events = [(row["TimeUS"] * 1e-6, row["Id"] == _NOT_LANDED) for row in rows.get("EV", ()) if row.get("Id") in _BOTH]
     if not events:
         return None

@@ -16,6 +16,7 @@ import numpy as np
 from casid.records.checks import GAP, INPUTS
 from casid.records.noise import CUBIC, ROUNDING
 from casid.records.record import Record
+from casid.records.series import across_gaps, unwrapped
 from casid.signals import CHANNELS, SURFACES, unit_of
 
 _FEWEST = 60  # finite samples from which a channel is judged
@@ -166,8 +167,7 @@ def without_faults(record: Record, faults: Iterable[ChannelFault]) -> Record:
             continue
         values = np.where(fault.at, np.nan, changed.get(fault.target, record[fault.target]))
         if fault.target in INPUTS:
-            good = np.isfinite(values)
-            values = np.interp(record.t, record.t[good], values[good])
+            values = across_gaps(record.t, values)
         changed[fault.target] = values
     return record.with_channels(**changed) if changed else record
 
@@ -326,7 +326,7 @@ def _stepped(record: Record, name: str, values: np.ndarray) -> np.ndarray:
     good = np.isfinite(values)
     if name not in _INTEGRATED or np.mean(np.diff(values[good]) == 0.0) > _STAIRCASE:
         return at
-    series = np.interp(record.t, record.t[good], np.unwrap(values[good]) if unit_of(name) == "rad" else values[good])
+    series = across_gaps(record.t, unwrapped(values) if unit_of(name) == "rad" else values)
     change = np.diff(series)
     kink = np.abs(change[1:-1] - 0.5 * (change[:-2] + change[2:]))
     kink[kink < ROUNDING * np.ptp(series)] = 0.0

@@ -230,16 +230,17 @@ def checked_fields(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit; rows at a "
             f"steady rate of 50 Hz are --map t=row*0.02{'; ' * bool(columns.contents.note)}{columns.contents.note}"
         )
-    t, counted = from_first(channels.pop("t"), "t" in columns.stated)
+    channels["t"], counted = from_first(channels["t"], "t" in columns.stated)
     if not own and "t" not in columns.stated and not counted:
-        _check_unit_of_time(t, columns.places["t"], table.source)
+        _check_unit_of_time(channels["t"], columns.places["t"], table.source)
     same = (table.values[1:] == table.values[:-1]) | (np.isnan(table.values[1:]) & np.isnan(table.values[:-1]))
-    copied = np.append(False, (np.diff(t) == 0.0) & same.all(axis=1))
+    copied = np.append(False, (np.diff(channels["t"]) == 0.0) & same.all(axis=1))
     if copied.any():
-        table, t, channels = _rows(table, t, channels, np.flatnonzero(~copied))
+        table, channels = _rows(table, channels, np.flatnonzero(~copied))
         notes.append(f"{int(np.sum(copied))} rows are copies of the row before, and are left out")
     if between is not None:
-        table, t, channels = _part(table, t, channels, between)
+        table, channels = _rows(table, channels, _rows_between(channels["t"], *between, table.source))
+    t = channels.pop("t")
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, _in_column(table, columns.places["t"]), table.source, aircraft=not own)
@@ -287,21 +288,16 @@ def _in_column(table: RawTable, column: str) -> Place:
     return lambda row: f"{table.place(row)}, {column}"
 
 
-def _part(
-    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], between: tuple[float, float]
-) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
+def _rows_between(t: np.ndarray, begin: float, end: float, source: str) -> np.ndarray:
     """The rows from one time to another; InputError where there are none."""
-    begin, end = between
     rows = np.flatnonzero((t >= begin) & (t < end))
     if not len(rows):
         span = f"{np.nanmin(t):g} to {np.nanmax(t):g} s" if np.isfinite(t).any() else "no time at all"
         asked = f"from {begin:g} s on" if np.isinf(end) else f"before {end:g} s" if np.isinf(begin) else ""
         asked = asked or f"from {begin:g} to {end:g} s"
-        raise InputError(f"{table.source}: no row {asked}; the file has {span}")
-    return _rows(table, t, channels, rows)
+        raise InputError(f"{source}: no row {asked}; the file has {span}")
+    return rows
 
 
-def _rows(
-    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], rows: np.ndarray
-) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
-    return rows_of(table, rows), t[rows], {name: values[rows] for name, values in channels.items()}
+def _rows(table: RawTable, channels: Mapping[str, np.ndarray], rows: np.ndarray) -> tuple[RawTable, dict[str, Any]]:
+    return rows_of(table, rows), {name: values[rows] for name, values in channels.items()}

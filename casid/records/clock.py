@@ -12,6 +12,8 @@ from datetime import UTC, date, datetime
 
 import numpy as np
 
+from casid.records.series import across_gaps
+
 _DAY = 86400  # s
 _CLOCK = r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))?\s?(?P<half>[AaPp][Mm])?"
 _ZONE = r"\s?(?P<zone>Z|UTC|GMT|[+-]\d\d:?\d\d)?"
@@ -121,8 +123,7 @@ def on_one_clock(
             continue
         stride = stride_of(channels[name])
         if stride > 1:
-            there = np.isfinite(channels[name])
-            filled[name] = np.interp(t, t[there], channels[name][there])
+            filled[name] = across_gaps(t, channels[name])
             notes.append(f"{name}: one sample in {stride} rows; straight lines between its samples are taken")
     return filled, notes
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from casid.arguments import a_path, given, is_path, require, sequence, table_of
 from casid.errors import InputError, check_known
-from casid.records.toml_file import read_toml
+from casid.records.limits import read_toml
 from casid.signals import is_unit
 
 _WEIGHT = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?"

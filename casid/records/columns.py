@@ -36,6 +36,16 @@ class Header:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class _Read:
+    """A channel as it is read: samples (N,) in SI, where it stands in the file, its stated unit or "", and how."""
+
+    values: np.ndarray
+    place: str
+    unit: str
+    how: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Columns:
     """Channels of a table in SI, (N,) each with `t` among them, where each stands in the file, which of them have a
     stated unit, remarks, and what was read and what was not."""
@@ -77,7 +87,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     if logger is not None:
         notes.append(f"columns as {logger[0]} names them: {', '.join(logger[1].columns)}")
         column_map = logger[1].merged(column_map)
-    channels, places, stated, how, used = _mapped(table, headers, column_map, checked=not own)
+    channels, used = _mapped(table, headers, column_map, checked=not own)
     rest = [i for i in range(len(headers)) if i not in used]
     known = {headers[i].leaf for i in rest} | channels.keys()
     absent = set() if own else set(CHANNELS) - known
@@ -97,9 +107,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         if header.leaf in channels:
             unread[header.place] = f"the column map takes '{header.leaf}' from elsewhere"
         elif name in CHANNELS or name in own:
-            channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
-            stated |= {name: header.unit} if header.unit else {}
-            how[name] = _how(table, index, stated.get(name), name)
+            channels[name] = _read(table, headers, index, name)
         elif not name:
             unread |= _nameless(table, index)
         elif (near := near_channel(header.leaf, absent)) and (
@@ -115,21 +123,19 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             unread[headers[index].place] = "text"
             continue
         try:
-            channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
-            how[name] = _how(table, index, headers[index].unit, name)
+            channels[name] = _read(table, headers, index, name)
         except InputError as error:
             why = str(error).removeprefix(f"{table.source}: ").removeprefix(f"{table.column(index)}: ")
             unread[headers[index].place] = why
     _check_unread(table, channels, {*CHANNELS, *own})
-    notes += _of_extras(
-        [name for i in extras if (name := headers[i].name) in channels and not is_control(name)], absent
-    )
-    contents = Contents(read=how, unread=unread)
+    further = [name for i in extras if (name := headers[i].name) in channels]
+    notes += _of_extras([name for name in further if not is_control(name)], absent)
+    contents = Contents(read={name: one.how for name, one in channels.items()}, unread=unread)
     last = {header.name: i for i, header in enumerate(headers)}
     return Columns(
-        channels=dict(sorted(channels.items(), key=lambda one: last.get(one[0], -1))),
-        places=places,
-        stated=stated,
+        channels={name: channels[name].values for name in sorted(channels, key=lambda one: last.get(one, -1))},
+        places={name: one.place for name, one in channels.items()},
+        stated={name: one.unit for name, one in channels.items() if one.unit and name not in further},
         notes=(*notes, contents.note) if contents.note else tuple(notes),
         contents=contents,
     )
@@ -137,37 +143,33 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
 
 def _mapped(
     table: RawTable, headers: Sequence[Header], column_map: ColumnMap, *, checked: bool
-) -> tuple[dict[str, np.ndarray], dict[str, str], dict[str, str], dict[str, str], set[int]]:
-    """Channels of a map, where each stands in the file, those with a stated unit, how each is read, and the columns
-    that it uses."""
-    channels: dict[str, np.ndarray] = {}
-    places: dict[str, str] = {}
-    stated: dict[str, str] = {}
-    how: dict[str, str] = {}
+) -> tuple[dict[str, _Read], set[int]]:
+    """Channels of a map, and the columns that it uses."""
+    channels: dict[str, _Read] = {}
     used: set[int] = set()
     for channel, terms in column_map.columns.items():
         found = [_find(table, headers, term, channel) for term in terms]
         if found[0] is None:  # rows at a steady rate
-            channels[channel] = terms[0].weight * np.arange(len(table.values), dtype=float)
-            places[channel] = "the number of the row"
-            how[channel] = f"the number of the row, times {terms[0].weight:g}"
+            weight = terms[0].weight
+            rows = weight * np.arange(len(table.values), dtype=float)
+            how = f"the number of the row, times {weight:g}"
+            channels[channel] = _Read(values=rows, place="the number of the row", unit="", how=how)
             continue
         indices = [i for i in found if i is not None]
-        named = {headers[i].leaf for i in indices} if headers else set()
         if checked:
+            named = {headers[i].leaf for i in indices} if headers else set()
             _check_target(channel, named, f"{table.source}: column map")
-        parts = list(zip(terms, indices, strict=True))
-        columns = [term.weight * _converted(table, headers, i, channel, term.unit) for term, i in parts]
-        channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
-        places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
         used.update(indices)
-        units = [term.unit or (headers[i].unit if headers else "") for term, i in parts]
-        if all(units):
-            stated[channel] = units[0]
-        said = [_how(table, i, unit, channel) for i, unit in zip(indices, units, strict=True)]
+        parts = [_read(table, headers, i, channel, term.unit) for term, i in zip(terms, indices, strict=True)]
+        columns = [term.weight * part.values for term, part in zip(terms, parts, strict=True)]
         weights = ["" if term.weight == 1.0 else f", weight {term.weight:g}" for term in terms]
-        how[channel] = "; plus ".join(f"{one}{weight}" for one, weight in zip(said, weights, strict=True))
-    return channels, places, stated, how, used
+        channels[channel] = _Read(
+            values=np.sum(columns, axis=0) if len(columns) > 1 else columns[0],
+            place=f"{', '.join(part.place for part in parts)} (mapped to '{channel}')",
+            unit=parts[0].unit if all(part.unit for part in parts) else "",
+            how="; plus ".join(f"{part.how}{weight}" for part, weight in zip(parts, weights, strict=True)),
+        )
+    return channels, used
 
 
 def _time(table: RawTable, headers: Sequence[Header], among: Sequence[int]) -> int | None:
@@ -224,7 +226,7 @@ def _quoted(name: str) -> str:
     return f"'{name}'" if re.search(r"[\s#()\[\]]", name) else name
 
 
-def _how(table: RawTable, index: int, unit: str | None, channel: str) -> str:
+def _how(table: RawTable, index: int, unit: str, channel: str) -> str:
     """Describe where a channel is in the file, its unit, and the conversion of its numbers."""
     made = f"; {table.how[index]}" if index in table.how else ""
     if unit:
@@ -358,15 +360,16 @@ def _check_target(channel: str, columns: set[str], where: str) -> None:
         )
 
 
-def _converted(table: RawTable, headers: Sequence[Header], index: int, channel: str, unit: str = "") -> np.ndarray:
-    """(N,) a column in SI. A unit may stand in the map or in the header; both must agree."""
-    where = f"{table.source}: {table.column(index)}"
+def _read(table: RawTable, headers: Sequence[Header], index: int, channel: str, unit: str = "") -> _Read:
+    """A column in SI. A unit may stand in the map or in the header; both must agree."""
+    place = table.column(index)
+    where = f"{table.source}: {place}"
     if index in table.text:
         row, cell = table.text[index]
         hint = "write a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", cell) else "repair it, or leave it empty"
         if row == 0 and len(table.text) > 1:
             hint = f"delete a row of units, and write them in the header, like '{channel} [{cell}]', or in --map"
-        raise InputError(f"{table.place(row)}, {table.column(index)}: {shown(cell)} is not a number; {hint}")
+        raise InputError(f"{table.place(row)}, {place}: {shown(cell)} is not a number; {hint}")
     written = headers[index].unit if headers else ""
     if unit and written and same_unit(unit, written) is False:
         raise InputError(f"{where}: the column map says [{unit}], the header says [{written}]; remove one of the two")
@@ -375,10 +378,11 @@ def _converted(table: RawTable, headers: Sequence[Header], index: int, channel: 
     infinite = np.flatnonzero(np.isinf(values))
     if len(infinite):
         raise InputError(
-            f"{table.place(infinite[0])}, {table.column(index)}: the value is infinite; "
+            f"{table.place(infinite[0])}, {place}: the value is infinite; "
             "repair it, or leave the cell empty if the sample is missing"
         )
-    return values * (_factor(unit, channel, where) if unit else 1.0)
+    values = values * (_factor(unit, channel, where) if unit else 1.0)
+    return _Read(values=values, place=place, unit=unit, how=_how(table, index, unit, channel))
 
 
 def _factor(unit: str, channel: str, where: str = "") -> float:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+
+from casid.keeping import by_fields
 
 _MOST = 6  # names of one reason in a note
 
@@ -31,9 +32,7 @@ class Contents:
     read: Mapping[str, str] = field(default_factory=dict)
     unread: Mapping[str, str] = field(default_factory=dict)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return both tables, for JSON."""
-        return {"read": dict(self.read), "unread": dict(self.unread)}
+    to_dict = by_fields
 
     @property
     def note(self) -> str:

@@ -14,6 +14,7 @@ import os
 import pickle
 import signal
 import sys
+import tomllib
 import warnings
 import xml.etree.ElementTree as ET
 import zlib
@@ -81,6 +82,16 @@ def read_json(path: Path, expected: str) -> dict[str, Any]:
     return found
 
 
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Content of a TOML file; raises InputError when it cannot be read or is not TOML."""
+    raw = read_bytes(Path(path), MOST_BYTES_OF_A_MODEL)
+    try:
+        return tomllib.loads(raw.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, a number of thousands of digits
+        fault = str(error).splitlines()[0] if str(error) else "nested too deeply"
+        raise InputError(f"{path}: not valid TOML: {fault}") from None
+
+
 @contextmanager
 def sound(path: Path, expected: str) -> Iterator[None]:
     """A block that makes something of the content of a file: what it trips over is a fault of the file, an InputError
@@ -93,12 +104,12 @@ def sound(path: Path, expected: str) -> Iterator[None]:
 
 
 @contextmanager
-def of_file(path: str | Path) -> Iterator[None]:
-    """A block that reads the content of a file: its InputErrors name the file."""
+def of_file(place: str | Path) -> Iterator[None]:
+    """A block that reads the content of a file, or of a part of one: its InputErrors name that place."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        raise InputError(f"{place}: {str(error).removeprefix(f'{place}: ')}") from None
 
 
 def xml_root(content: str | bytes) -> ET.Element:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.records.series import unwrapped
+
 _LETTERED = re.compile(r"(?P<base>.*?)[_.\[(]?(?P<part>[wxyz])[\])]?", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<base>.*?)[_.\[(]?(?P<part>[0-4])[\])]?")
 _CALLED = re.compile(
@@ -54,9 +56,7 @@ def euler_angles(quaternion: np.ndarray) -> np.ndarray:
     phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     psi = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    there = np.isfinite(psi)
-    psi[there] = np.unwrap(psi[there])
-    return np.stack([phi, theta, psi], axis=1)
+    return np.stack([phi, theta, unwrapped(psi)], axis=1)
 
 
 def body_rates(t: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

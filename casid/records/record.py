@@ -17,6 +17,7 @@ from casid.records.checks import TURNS, checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.contents import Contents
+from casid.records.series import across_gaps
 from casid.records.table import RawTable
 from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, si_factor, unit_of
 
@@ -279,10 +280,9 @@ class Record:
         for what, value in (("start", start), ("stop", stop)):
             if not isinstance(value, Real):
                 raise InputError(f"record '{self.name}': {what} is {given(value)}; expected a time in s")
-        if not ((self.t >= start) & (self.t < stop)).any():
-            span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no time at all"
-            raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {span}")
         keep = (self.t >= start) & (self.t < stop)
+        if not keep.any():
+            raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {_span(self.t)}")
         channels = {k: v[keep] for k, v in self.channels.items()}
         t = self.t[keep]
         events = {k: tuple(one for one in times if t[0] <= one <= t[-1]) for k, times in self.events.items()}
@@ -320,10 +320,13 @@ def _checked_events(events: Any, t: np.ndarray, where: str) -> Mapping[str, tupl
         own = _samples(times if np.ndim(times) else [times], what)
         for one in own.tolist():
             if not (len(t) and t[0] <= one <= t[-1]):
-                span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
-                raise InputError(f"{what}: {one:g} s is outside the record, which has {span}")
+                raise InputError(f"{what}: {one:g} s is outside the record, which has {_span(t)}")
         found[name] = tuple(sorted(own.tolist()))
     return MappingProxyType(found)
+
+
+def _span(t: np.ndarray) -> str:
+    return f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
 
 
 def _samples(values: Any, what: str) -> np.ndarray:
@@ -366,6 +369,13 @@ def _channel(name: Any, values: Any, t: np.ndarray, where: str) -> np.ndarray:
     if len(infinite):
         raise InputError(f"{where}: channel '{name}' is infinite at sample {infinite[0]}; NaN says that one is missing")
     return samples
+
+
+def filled(record: Record, name: str, default: float = 0.0) -> np.ndarray:
+    """A channel with missing samples interpolated; a constant where the record has none of it."""
+    if name not in record or not np.isfinite(record[name]).any():
+        return np.full(len(record), default)
+    return across_gaps(record.t, record[name])
 
 
 def check_radians(record: Record, least: float = 0.0) -> None:

@@ -7,7 +7,7 @@ of casid. Numbers of other messages keep the name of their topic and field, for 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -51,7 +51,9 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
             for make in (readers.make_reader, readers.NonSeekingReader):  # the second one needs no summary at the end
                 file.seek(0)
                 try:
-                    topics, fault = _messages(make(file, decoder_factories=[decoders.DecoderFactory()]))
+                    read = make(file, decoder_factories=[decoders.DecoderFactory()])
+                    messages = read.iter_decoded_messages(log_time_order=False)
+                    topics, fault = _messages((c.topic, s.name, m.log_time, one) for s, c, m, one in messages)
                 except Exception as error:  # its head is damaged, or there is no summary
                     topics = {}
                     fault = error
@@ -71,32 +73,17 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
     typesys = library("rosbags.typesys", path, "rosbags")
 
     def load() -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
-        topics: dict[str, Any] = {}
         unread: dict[str, str] = {}
         with path.open("rb") as file:
             first = file.read(len(MAGIC_1))
-        notes = ("a ROS 1 bag" if first == MAGIC_1 else "a ROS 2 bag",)
         store = typesys.get_typestore(typesys.Stores.LATEST)
         with highlevel.AnyReader([path], default_typestore=store) as reader:
-            try:
-                for connection, stamp, raw in reader.messages():
-                    if connection.topic in unread:
-                        continue
-                    try:
-                        message = reader.deserialize(raw, connection.msgtype)
-                    except KeyError:
-                        unread[connection.topic] = f"a message of {connection.msgtype}, which the bag does not define"
-                        continue
-                    except Exception as error:  # of the library, whatever the damage makes of it
-                        unread[connection.topic] = f"a message of {connection.msgtype}: {type(error).__name__}"
-                        continue
-                    rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]
-                    rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})
-            except Exception:  # the same, where it looks for the next message
-                if not topics:
-                    raise
-                notes = (*notes, "the bag is damaged: what comes after that is left out")
-        return topics, notes, unread
+            topics, fault = _messages(_deserialised(reader, unread))
+        if fault is not None and not topics:
+            raise fault
+        notes = ("a ROS 1 bag" if first == MAGIC_1 else "a ROS 2 bag",)
+        damaged = ("the bag is damaged: what comes after that is left out",) if fault is not None else ()
+        return topics, notes + damaged, unread
 
     topics, notes, unread = loaded(path, load)
     if not topics:
@@ -133,13 +120,30 @@ def table_of_topics(
     return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes, unread, how)
 
 
-def _messages(reader: Any) -> tuple[dict[str, Any], Exception | None]:
-    """Topic -> its kind and the numbers of its messages, up to a fault of the bag, and that fault."""
+def _deserialised(reader: Any, unread: dict[str, str]) -> Iterator[tuple[str, str, int, Any]]:
+    """Topic, kind, stamp [ns] and message of all that rosbags reads; a topic of which it cannot read one is `unread`
+    from there on."""
+    for connection, stamp, raw in reader.messages():
+        if connection.topic in unread:
+            continue
+        try:
+            message = reader.deserialize(raw, connection.msgtype)
+        except Exception as error:  # of the library, whatever the damage makes of it
+            undefined = isinstance(error, KeyError)
+            why = ", which the bag does not define" if undefined else f": {type(error).__name__}"
+            unread[connection.topic] = f"a message of {connection.msgtype}{why}"
+            continue
+        yield connection.topic, connection.msgtype, stamp, message
+
+
+def _messages(read: Iterable[tuple[str, str, int, Any]]) -> tuple[dict[str, Any], Exception | None]:
+    """Topic -> its kind and the numbers of its messages, up to a fault of the bag, and that fault; of topic, kind,
+    stamp [ns] and message of each."""
     topics: dict[str, Any] = {}
     try:
-        for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
-            rows = topics.setdefault(channel.topic, (schema.name, []))[1]
-            rows.append({"log_time": message.log_time * 1e-9, **dict(numbers_of(decoded))})
+        for topic, kind, stamp, message in read:
+            rows = topics.setdefault(topic, (kind, []))[1]
+            rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})
     except Exception as error:  # of the library, whatever the damage makes of it
         return topics, error
     return topics, None

@@ -104,7 +104,7 @@ def _table(path: Path, found: Mapping[tuple[int, str], list[Row]], autopilots: M
     unread = {
         f"system {system}": "another aircraft, or the ground station" for system, _ in found if system != flown[0]
     }
-    unread |= dict.fromkeys(own.keys() - {*_MEANING, *_OF_THE_LINK}, "no channel is made of this message")
+    unread |= dict.fromkeys(sorted(own.keys() - {*_MEANING, *_OF_THE_LINK}), "no channel is made of this message")
     rows = dict[str, list[Row]]()
     for name, (message, made) in _MEANING.items():
         if name not in own:

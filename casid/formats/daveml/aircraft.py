@@ -20,7 +20,7 @@ from casid.arguments import number
 from casid.errors import InputError, check_known
 from casid.formats.daveml.functions import DaveFile, Values, dave_file
 from casid.formats.file_tables import FileTable, Tried, blanked, comment, holding, said, with_numbers
-from casid.formats.jsbsim.aircraft import INCREMENTS
+from casid.formats.jsbsim.aircraft import on_top
 from casid.model.airframe import Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
@@ -141,18 +141,13 @@ def fields_of_daveml(aerodynamics: str | Path, inertia: str | Path, held: Mappin
         cm = tuple(_si(mass, look, name) for name in _ARM)
     own = dave_aerodynamics(aerodynamics, cm, {name: value for name, value in held.items() if name not in given})
     file = dave_file(own.text)
-    body = {"CL": "CZ", "CD": "CX"}
     return {
         "name": Path(aerodynamics).stem,
         "mass": weight,
         "inertia": Inertia(**tensor),
         "area": _si(file, file.values({}), "referenceWingArea"),
-        "moment_length_lateral": 2.0 * own.lateral,
-        "moment_length_pitch": 2.0 * own.pitch,
-        "rate_length_lateral": own.lateral,
-        "rate_length_pitch": own.pitch,
+        **on_top(2.0 * own.lateral, 2.0 * own.pitch, {"CL": "CZ", "CD": "CX"}),
         "force_axes": "body",
-        "derivatives": {f"{body.get(c, c)}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
         "aerodynamics": own,
     }
 

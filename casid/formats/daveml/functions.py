@@ -16,7 +16,7 @@ import casadi as ca
 
 from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
-from casid.formats.jsbsim.source import bare, check_words, number_in, number_of, optional, part
+from casid.formats.jsbsim.source import alone, bare, check_words, number_in, number_of, optional, part
 from casid.formats.operators import COMPARISONS, ONE, REDUCED, Operators
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
@@ -277,7 +277,4 @@ def _by(key: str, nodes: Iterable[ET.Element]) -> dict[str, ET.Element]:
 
 
 def _numbers(node: ET.Element, tag: str) -> list[float]:
-    held = part(node, tag)
-    if len(held):
-        raise InputError(f"<{tag}> must have numbers alone; it has <{held[0].tag}> in it: take that out")
-    return [number_of(x, tag) for x in _SEPARATORS.split((held.text or "").strip()) if x]
+    return [number_of(x, tag) for x in _SEPARATORS.split(alone(part(node, tag)).strip()) if x]

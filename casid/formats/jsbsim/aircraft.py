@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ def _of_form(form: ET.Element, mass: float) -> np.ndarray:
 
 _LATERAL = ("0", "beta", "p", "r", "delta_a", "delta_r")
 # derivatives that are increments, zero at first, on top of what the file has
-INCREMENTS: Mapping[str, tuple[str, ...]] = {
+_INCREMENTS: Mapping[str, tuple[str, ...]] = {
     "CL": ("0", "alpha", "q", "delta_e"),
     "CD": ("0", "alpha"),
     "CY": _LATERAL,
@@ -95,26 +96,32 @@ INCREMENTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+def on_top(span: float, chord: float, renamed: Mapping[str, str] = MappingProxyType({})) -> dict[str, Any]:
+    """Fields of `Aircraft` for increments on top of a file whose coefficients are about a span and a chord [m]."""
+    return {
+        "moment_length_lateral": span,
+        "moment_length_pitch": chord,
+        "rate_length_lateral": span / 2.0,
+        "rate_length_pitch": chord / 2.0,
+        "derivatives": {f"{renamed.get(c, c)}_{term}": 0.0 for c, terms in _INCREMENTS.items() for term in terms},
+    }
+
+
 def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, Any]:
     """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
     root = load(path)
     with of_file(path):
         metrics = metrics_of(root)
         mass = mass_properties(root)
-        J = mass.inertia * SLUG * FOOT**2
         given = {name: number(value, f"held: '{name}'") for name, value in held.items()}
         aerodynamics = aerodynamics_of(path, given)
         return {
             "name": root.get("name", Path(path).stem),
             "mass": mass.weight / LBS_PER_SLUG * SLUG,
-            "inertia": _inertia(J),
+            "inertia": _inertia(mass.inertia * SLUG * FOOT**2),
             "area": metrics["Sw-sqft"] * FOOT**2,
-            "moment_length_lateral": metrics["bw-ft"] * FOOT,
-            "moment_length_pitch": metrics["cbarw-ft"] * FOOT,
-            "rate_length_lateral": metrics["bw-ft"] * FOOT / 2.0,
-            "rate_length_pitch": metrics["cbarw-ft"] * FOOT / 2.0,
+            **on_top(metrics["bw-ft"] * FOOT, metrics["cbarw-ft"] * FOOT),
             **_propulsion(root, mass.cg),
-            "derivatives": {f"{c}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
             "aerodynamics": aerodynamics,
         }
 

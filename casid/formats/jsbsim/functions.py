@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.formats.file_tables import Entry, FileTable, with_numbers
-from casid.formats.jsbsim.source import number_in, number_of, part
+from casid.formats.jsbsim.source import alone, number_in, number_of, part
 from casid.formats.operators import COMPARISONS, ONE, REDUCED, Operators
 from casid.model.tables import Grid
 
@@ -94,7 +94,7 @@ def pages_of(node: ET.Element) -> list[Grid]:
 
 def _page(node: ET.Element) -> Grid:
     """A table of two dimensions: keys of the columns in the first line, of the row in the first column."""
-    lines = [line.split() for line in _data(node).splitlines() if line.split()]
+    lines = [line.split() for line in alone(node).splitlines() if line.split()]
     columns = [number_of(x, "tableData") for x in lines[0]]
     rows = [[number_of(x, "tableData") for x in line] for line in lines[1:]]
     if any(len(row) != len(columns) + 1 for row in rows):
@@ -113,14 +113,8 @@ def _grid(axes: Sequence[Sequence[float]], values: Sequence[float]) -> Grid:
     return Grid(breakpoints=tuple(map(tuple, axes)), values=tuple(values))
 
 
-def _data(node: ET.Element) -> str:
-    if len(node):
-        raise InputError(f"<tableData> must have numbers alone; it has <{node[0].tag}> in it: take that out")
-    return node.text or ""
-
-
 def _numbers(node: ET.Element) -> list[float]:
-    found = [number_of(x, "tableData") for x in _data(node).split()]
+    found = [number_of(x, "tableData") for x in alone(node).split()]
     if len(found) % 2:
         raise InputError("<tableData> of one dimension must have pairs of numbers")
     return found

@@ -110,6 +110,13 @@ def number_in(node: ET.Element) -> float:
     return number_of(node.text, node.tag)
 
 
+def alone(node: ET.Element) -> str:
+    """Return the text of an element with numbers, and nothing beside them. Raises InputError."""
+    if len(node):
+        raise InputError(f"<{node.tag}> must have numbers alone; it has <{node[0].tag}> in it: take that out")
+    return node.text or ""
+
+
 def amount(node: ET.Element | None, unit: str) -> float:
     """Return a number in JSBSim's own unit, zero of none; the file's `unit` attribute, else `unit`, says which it has.
     Raises InputError, also for a unit of another quantity."""
