@@ -26,7 +26,7 @@ from casid.estimation.stretches import EXACT, Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.steps import rates_function
+from casid.estimation.transcriptions.steps import slopes_function
 from casid.estimation.transcriptions.transcription import (
     Collocation,
     MultipleShooting,
@@ -35,6 +35,7 @@ from casid.estimation.transcriptions.transcription import (
     Transcription,
     as_stepping,
     is_implicit,
+    order_of,
 )
 from casid.model.built import compiled
 
@@ -243,7 +244,7 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
         return 2 * steps
     if not finer.implicit and (stable := _stable_steps_of_uneven(objective, outcome.value)) > steps:
         return stable
-    return steps if excess < 1.0 else max(_steps_for(excess, steps, finer.order), steps + 1)
+    return steps if excess < 1.0 else max(_steps_for(excess, steps, order_of(finer)), steps + 1)
 
 
 def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -256,9 +257,9 @@ def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarra
     scale = objective.scale
     flat = states.reshape(-1, n)
     inputs = layout.u0[:, :length].reshape(count * length, -1)
-    found = compiled(model, rates_function).mapped(_SAMPLES)(
+    found = compiled(model, slopes_function, "f").mapped(_SAMPLES)(
         flat[which], inputs[which], parameters[layout.record[which // length]]
-    )[0]
+    )[1]
     found = found.reshape(_SAMPLES, n, n)
     if not np.isfinite(found).all():
         return np.empty(0)
@@ -405,7 +406,7 @@ def _integration_error(
     value = outcome.value
     trajectory, (y, end) = value.trajectory, _with_half_steps(objective, outcome, method)
     assert trajectory is not None and linear.blocks is not None
-    power = 2.0**method.order
+    power = 2.0 ** order_of(method)
     scale = power / (power - 1.0)  # of the difference, to the error
     direct, along = _directly(objective, value, scale * (y - trajectory.y))
     made = scale * (end - trajectory.end)

@@ -12,7 +12,7 @@ import scipy
 
 from casid.errors import EstimationError
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import quiet
+from casid.estimation.transcriptions.steps import free_parameters, quiet
 from casid.model.built import cached
 from casid.model.system import EquationForm as EquationForm
 from casid.model.system import Model
@@ -162,8 +162,7 @@ class EquationPart:
         form = equation_form(model)
         self.names = form.names
         residual = form.prediction - form.target
-        free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
-        jacobian = ca.jacobian(residual, free)
+        jacobian = ca.jacobian(residual, free_parameters(model, problem.free_index))
         self._check_parameters(jacobian)
 
         def compilable(name: str, expression: ca.SX, *key: object) -> Compilable:
