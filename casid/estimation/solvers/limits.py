@@ -97,6 +97,11 @@ class ParameterLimits:
             rows = rows + slope.full()
         return values, rows
 
+    def about(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rows, lower, upper) of the linearised limits on a change of the parameters from theta."""
+        at, rows = self.at(theta)
+        return rows, self.lower - at, self.upper - at
+
     def free_directions(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(parameters, directions) that the limits leave free at theta: those with a multiplier and equalities hold."""
         return free_directions(self.at(theta)[1], np.where(self.lower == self.upper, 1.0, multipliers))
