@@ -63,8 +63,8 @@ def likely(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     gone &= np.abs(end.outcome.point.theta) > np.abs(start)
     if not gone.any():
         return end
-    turned = dict(zip(problem.parameters, np.where(gone, -start, start).tolist(), strict=True))
-    other = _ended(replace(problem, start=turned), method, solver)
+    turned = replace(problem, start=problem.named(np.where(gone, -start, start)))
+    other = _ended(turned, method, solver)
     if not other.outcome.converged or other.misfit > end.misfit + FLAT:
         return end
     iterations = end.outcome.iterations + other.outcome.iterations

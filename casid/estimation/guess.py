@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import casadi as ca
 import numpy as np
 
 from casid.estimation.cost import OutputError
@@ -25,7 +24,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.transcription import MultipleShooting, finest_interval
 from casid.model.built import cached, share_cache
 from casid.model.simulate import cvodes_step, flown, steps_of
-from casid.model.system import Model, unguessed_states
+from casid.model.system import unguessed_states
 from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
@@ -97,18 +96,15 @@ def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | N
 def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
     """Smooth as `_smoothed`, with states so many times larger than the model states, and give the mean square of the
     residuals."""
-    held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
-    model = share_cache(replace(held, guess=problem.model.guess), held)
+    model = problem.model
     # in continuous time noise gathers over a record's duration, in discrete time over its samples
     duration = max(len(r) if model.period is not None else r.duration for r in problem.records)
     smoothing = Problem(
         model,
         problem.records,
-        free=[_NOTHING],
         fixed=_values(problem),
         cost=OutputError(),
         noise={name: _twentieth(problem.records, name) for name in model.outputs},
-        prior=True,
         initial_state=_with_sizes(problem, larger),
     )
     wander = {s: larger * _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
@@ -157,21 +153,6 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
 def looked_up(table: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
     """A `Model.guess` that was made before, record name -> (N, states)."""
     return table[record.name]
-
-
-_NOTHING = "(nothing)"  # a parameter without effect: all others are held
-
-
-def _held(model: Model) -> Model:
-    """The model with a parameter of which nothing depends, which a prior determines."""
-    return replace(
-        model,
-        parameters=(*model.parameters, _NOTHING),
-        p=ca.vertcat(model.p, ca.SX.sym("nothing")),
-        nominal={**model.nominal, _NOTHING: 0.0},
-        prior_std={_NOTHING: 1.0},
-        equation=None,
-    )
 
 
 def _values(problem: Problem) -> dict[str, float]:

@@ -61,12 +61,15 @@ _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviat
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attempt:
     """End of a solver, with the objective and the transcription that it took; `fine`: with half the steps of
-    integration the solution is the same."""
+    integration the solution is the same, `coarse`: it would be another one. `remark`: what a person should know of how
+    it was found, "" if nothing."""
 
     objective: Any  # an `Objective`, or an `OwnObjective` where the cost makes its likelihood itself
     outcome: Outcome
     method: Transcription
     fine: bool = False
+    coarse: bool = False
+    remark: str = ""
 
     @property
     def found(self) -> bool:
@@ -100,9 +103,7 @@ class Attempt:
     @property
     def values(self) -> dict[str, float]:
         """Name -> estimate, of the problem as it is solved."""
-        names = self.objective.problem.parameters
-        theta = self.outcome.point.theta
-        return dict(zip(names, theta.tolist(), strict=True))
+        return self.objective.problem.named(self.outcome.point.theta)
 
 
 def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:

@@ -63,18 +63,12 @@ class _Squares:
     def sigma(self, fit: Fit) -> dict[str, dict[str, np.ndarray]]:
         """Record -> output -> (N,) 1-sigma at a fit of `problem`."""
         outputs = self.problem.model.outputs
-        found = {}
-        columns = [name for name in outputs if name in fit.channels]
-        for record in self.posed.records:
-            found[record.name] = {}
-            for name in self.posed.noise_formulas:
-                spread = _SPREAD.format(name)
-                reference = self.reference[record.name][name]
-                if spread not in columns:
-                    found[record.name][name] = reference
-                    continue
-                root = fit.predictions[record.name][:, outputs.index(spread)]
-                found[record.name][name] = reference * np.exp(0.5 * (root**2 - self.room))
+        found = {record: dict(of) for record, of in self.reference.items()}
+        for name in self.posed.noise_formulas:
+            spread = _SPREAD.format(name)
+            for record in found if spread in fit.channels else ():
+                root = fit.predictions[record][:, outputs.index(spread)]
+                found[record][name] = self.reference[record][name] * np.exp(0.5 * (root**2 - self.room))
         return found
 
     def returned(self, fit: Fit) -> Fit:
@@ -165,30 +159,21 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
         sigma = noise.expression(model, name)
         used = ca.which_depends(sigma, model.p, 1, False)
         own = [i for i, (u, e) in enumerate(zip(used, elsewhere, strict=True)) if u and not e]
-        names = [
-            n
-            for n, bare in zip(problem.parameters, problem.bare, strict=True)
-            if bare in {model.parameters[i] for i in own}
-        ]
+        of_noise = {model.parameters[i] for i in own}
+        names = [n for n, bare in zip(problem.parameters, problem.bare, strict=True) if bare in of_noise]
         larger = model.p[:]
         for i in own:
             larger[i] = 2.0 * model.p[i]
-        function = ca.Function("s", [model.x, model.u, model.p], [sigma, ca.substitute(sigma, model.p, larger)])
-        sizes = []
-        reads = []
-        for record, p in zip(problem.records, problem.start_parameters, strict=True):
-            reading, present = _reading(record, name, noise)
-            many = np.tile(p[:, None], len(record))
-            both = function(model.guess(record).T, record.matrix(model.inputs).T, many)
-            sizes.append(np.stack([one.full()[0] for one in both])[:, present])
-            reads.append(reading[present])
-        (one, two), read = np.concatenate(sizes, axis=1), np.concatenate(reads)
+        sizes = problem.at_guess(ca.vertcat(sigma, ca.substitute(sigma, model.p, larger)))
+        readings = [_reading(record, name, noise) for record in problem.records]
+        read = np.concatenate([reading[present] for reading, present in readings])
+        one, two = np.concatenate([rows[present] for rows, (_, present) in zip(sizes, readings, strict=True)]).T
         spread = float(np.ptp(read)) if len(read) else 0.0
         if not names or not spread > 0.0 or not np.isfinite(one).all() or not np.allclose(two, 2.0 * one, rtol=1e-9):
             continue
         times = float(np.median(one)) / spread
         if times > 1.0:
-            before = dict(zip(problem.parameters, problem.start_vector, strict=True))
+            before = problem.named(problem.start_vector)
             start |= {n: before[n] / times for n in names}
             said.append(
                 f"start: the noise of {name} is {times:.2g} times the range of its readings; the search began with "
@@ -199,21 +184,14 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
 
 def _at_start(problem: Problem) -> _Squares:
     """Evaluate every 1-sigma at the start values, at the readings."""
-    model = problem.model
-    reference = {}
-    for r, record in enumerate(problem.records):
-        states = model.guess(record)
-        inputs = record.matrix(model.inputs)
-        reference[record.name] = {}
-        for name, noise in problem.noise_formulas.items():
+    reference: dict[str, dict[str, np.ndarray]] = {record.name: {} for record in problem.records}
+    for name, noise in problem.noise_formulas.items():
+        if isinstance(noise.sigma, str):
+            sigmas = [record[noise.sigma] for record in problem.records]
+        else:
+            sigmas = [rows[:, 0] for rows in problem.at_guess(noise.expression(problem.model, name))]
+        for record, sigma in zip(problem.records, sigmas, strict=True):
             reading, present = _reading(record, name, noise)
-            sigma = np.full(len(record), np.nan)
-            if isinstance(noise.sigma, str):
-                sigma = record[noise.sigma]
-            else:
-                function = ca.Function("s", [model.x, model.u, model.p], [noise.expression(model, name)])
-                p = np.tile(problem.start_parameters[r][:, None], len(record))
-                sigma = function(states.T, inputs.T, p).full()[0]
             spread = float(np.ptp(reading[present])) if present.any() else 1.0
             usual = _RANGE * spread if spread > 0.0 else 1.0
             good = np.isfinite(sigma) & (sigma > 0.0)

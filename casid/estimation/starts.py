@@ -54,7 +54,7 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
     centre = float(problem.nominal[i])
     std = float(problem.model.prior_std.get(bare, math.inf))
     if math.isfinite(low) and math.isfinite(high):
-        if bare in problem.logarithmic and low > 0.0:
+        if problem.by_logarithm[i] and low > 0.0:
             return lambda u: float(low * (high / low) ** u)
         return lambda u: low + (high - low) * u
     if math.isfinite(std):
@@ -135,8 +135,7 @@ def confirmed(problem: Problem, first: Fit, solved: Callable[[Problem], Fit], cl
     end = min(_lower(told, clock), key=lambda end: told.objective.misfit(end.value), default=None)
     if end is None:
         return first
-    there = dict(zip(problem.parameters, end.point.theta.tolist(), strict=True))
-    second = solved(replace(problem, start=natural(problem, there)))
+    second = solved(replace(problem, start=natural(problem, problem.named(end.point.theta))))
     found = _best(problem, [first, second] if second.converged else [first], [])
     return found if found.starts is not None and len(found.starts.minima) > 1 else first
 

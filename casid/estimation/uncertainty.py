@@ -43,6 +43,8 @@ from casid.frames import brief
 from casid.native.threads import single_threaded
 
 _CHANCE = 1e-3  # that white residuals are called coloured
+# what a saved fit has
+_KEPT = "covariance corrected confused is_coloured coloured_channels sides initial_std quantile pressed"
 _Z95 = float(ndtri(0.975))
 
 
@@ -79,18 +81,7 @@ class Uncertainty:
 
     def __getstate__(self) -> dict[str, Any]:
         """Keep the numbers: how they came about is not pickled."""
-        names = (
-            "covariance",
-            "corrected",
-            "confused",
-            "is_coloured",
-            "coloured_channels",
-            "sides",
-            "initial_std",
-            "quantile",
-            "pressed",
-        )
-        known = {name: getattr(self, name) for name in names}
+        known = {name: getattr(self, name) for name in _KEPT.split()}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
     @property

@@ -106,15 +106,16 @@ def sample_derivatives(
         a, bg, _ = stages[0]
         if model.period is None:  # the chain rule through the stages: half the instructions of a blind derivative
             dt = symbols[3]
-            a = eye = ca.SX.eye(len(model.states))
-            ks = ca.SX(*eye.shape)
-            kq = ca.SX(*bg.shape)
-            bg = ca.SX(*bg.shape)
+            eye = ca.SX.eye(len(model.states))
+            ks = sum_s = ca.SX(*eye.shape)
+            kq = sum_q = ca.SX(*bg.shape)
             for (reach, share), (fx, fq, e) in zip(STAGES, stages, strict=True):
                 ks = fx @ (eye + reach * dt * ks) + e
                 kq = fx @ (reach * dt * kq) + fq
-                a = a + share * dt / 6 * ks
-                bg = bg + share * dt / 6 * kq
+                sum_s = sum_s + share * ks
+                sum_q = sum_q + share * kq
+            a = eye + dt / 6 * sum_s
+            bg = dt / 6 * sum_q
         _, c, d = slopes(model, "h", free)
         results = [ca.densify(e.T) for e in (a, bg[:, : len(free)], bg[:, len(free) :], c, d)]
         return ca.Function("derivatives", symbols, ca.cse(results))
