@@ -218,46 +218,28 @@ def _errors(objective: AnyObjective, outcome: Outcome) -> Uncertainty:
 
 
 def _told(objective: Objective, outcome: Outcome) -> Told:
-    measured, predicted = _signals(objective, outcome)
-    return Told(measured=measured, predicted=predicted, states=_states(objective, outcome))
-
-
-def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """record -> (N, channels) measured and predicted."""
+    """Signals and states of every record, outputs before equations."""
     problem = objective.problem
     value = outcome.value
-    measured: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
-    predicted: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
-    if value.trajectory is not None:
-        flat = value.trajectory.y.reshape(-1, value.trajectory.y.shape[2])
-        for record, sample in zip(problem.records, objective.layout.sample, strict=True):
-            measured[record.name].append(problem.outputs_of(record))
-            predicted[record.name].append(flat[sample])
-    if objective.equations is not None and value.equations is not None:
-        for record, target, residual in zip(
-            problem.records, objective.equations.targets, value.equations.residuals, strict=True
-        ):
-            measured[record.name].append(target)
-            predicted[record.name].append(target + residual)
-    return _joined(measured), _joined(predicted)
-
-
-def _joined(parts: dict[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
-    return {name: np.concatenate(columns, axis=1) for name, columns in parts.items()}
-
-
-def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
-    trajectory = outcome.value.trajectory
-    if trajectory is None:
-        return {}
-    layout = objective.layout
-    states = trajectory.states
-    flat = states.reshape(-1, states.shape[2])
-    return {
-        record.name: StateHistory(
-            trajectory=flat[layout.sample[r]],
-            nodes=outcome.point.nodes[layout.segments_of(r)],
-            node_times=layout.times[r][:: layout.length],
-        )
-        for r, record in enumerate(objective.problem.records)
-    }
+    trajectory = value.trajectory
+    measured: dict[str, np.ndarray] = {}
+    predicted: dict[str, np.ndarray] = {}
+    states: dict[str, StateHistory] = {}
+    for r, record in enumerate(problem.records):
+        read = []
+        found = []
+        if trajectory is not None:
+            layout = objective.layout
+            x, y = (v.reshape(-1, v.shape[2])[layout.sample[r]] for v in (trajectory.states, trajectory.y))
+            nodes = outcome.point.nodes[layout.segments_of(r)]
+            times = layout.times[r][:: layout.length]
+            states[record.name] = StateHistory(trajectory=x, nodes=nodes, node_times=times)
+            read.append(problem.outputs_of(record))
+            found.append(y)
+        if objective.equations is not None and value.equations is not None:
+            target = objective.equations.targets[r]
+            read.append(target)
+            found.append(target + value.equations.residuals[r])
+        measured[record.name] = np.concatenate(read, axis=1)
+        predicted[record.name] = np.concatenate(found, axis=1)
+    return Told(measured=measured, predicted=predicted, states=states)

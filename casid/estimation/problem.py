@@ -325,20 +325,20 @@ class Problem:
         A 1-sigma that is not given is wide: many times the largest magnitude of the state's readings or guess in any
         record, so that a motion within the readings is moved by less than a thousandth of its standard error.
         """
-        states = self.model.states
-        values = []
-        stds = []
-        for record in self.records:
-            value, std = self.initial_state.of(record.name)
-            values.append([value.get(s, np.nan) for s in states])
-            stds.append([std.get(s, np.nan) for s in states])
-        shape = (len(self.records), len(states))
-        known = np.reshape(values, shape).astype(float)
-        given = np.reshape(stds, shape).astype(float)
+        known, given = self._initial_given
         if not np.isnan(given).any():
             return known, given
         size = np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
         return known, np.where(np.isnan(given), _WIDE * size, given)
+
+    @cached_property
+    def _initial_given(self) -> tuple[np.ndarray, np.ndarray]:
+        """(records, states) value and 1-sigma of the initial states as they are given, NaN where they are not."""
+        states = self.model.states
+        tables = [self.initial_state.of(record.name) for record in self.records]
+        rows = [[[table.get(s, np.nan) for s in states] for table in both] for both in tables]
+        known, given = np.reshape(rows, (len(tables), 2, len(states))).astype(float).transpose(1, 0, 2)
+        return known, given
 
     @cached_property
     def is_initial_weak(self) -> np.ndarray:
@@ -366,9 +366,7 @@ class Problem:
     @cached_property
     def is_initial_given(self) -> np.ndarray:
         """(records, states) whether the problem states a 1-sigma of the initial state."""
-        stds = [self.initial_state.of(record.name)[1] for record in self.records]
-        given = np.array([[s in std for s in self.model.states] for std in stds], dtype=bool)
-        return given.reshape(len(stds), len(self.model.states))
+        return ~np.isnan(self._initial_given[1])
 
     def at_guess(self, expression: ca.SX) -> list[np.ndarray]:
         """Record by record (N, rows) a column of the model's symbols along the guessed states, at the start values and
@@ -390,17 +388,10 @@ class Problem:
     @cached_property
     def linear_rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, lower, upper) of the linear constraints on the vector of parameters."""
-        rows = []
-        lower = []
-        upper = []
-        for constraint in self.constraints:
-            if not isinstance(constraint, LinearConstraint):
-                continue
-            for row in self.linear_rows_of(constraint):
-                rows.append(row)
-                lower.append(constraint.lower)
-                upper.append(constraint.upper)
-        return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
+        linear = [c for c in self.constraints if isinstance(c, LinearConstraint)]
+        kept = [(row, c.lower, c.upper) for c in linear for row in self.linear_rows_of(c)]
+        rows, lower, upper = zip(*kept, strict=True) if kept else ((), (), ())
+        return np.reshape(rows, (len(kept), len(self.parameters))), np.array(lower), np.array(upper)
 
     @cached_property
     def bounds(self) -> np.ndarray:

@@ -491,21 +491,13 @@ def score_pieces(
 ) -> Iterator[WhitePiece]:
     """Sensitivities and residuals of all records and channels, outputs before equations; with `paths` the sensitivities
     also to the unknowns of theirs."""
-    for record in range(len(objective.problem.records)):
-        yield from _pieces(objective, value, linear, paths, record)
-
-
-def _pieces(
-    objective: AnyObjective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
-) -> Iterator[WhitePiece]:
-    """Every channel of a record, of the output and of the equation part."""
-    columns = objective.problem.columns(r)
-    columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
-    for first, rows, residuals, present in objective.parts(value, linear, paths, r):
-        wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
-        for c in range(residuals.shape[1]):
-            seen = present[:, c]
-            if seen.any():
+    for r in range(len(objective.problem.records)):
+        columns = objective.problem.columns(r)
+        columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
+        for first, rows, residuals, present in objective.parts(value, linear, paths, r):
+            wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
+            for c in np.flatnonzero(present.any(axis=0)).tolist():
+                seen = present[:, c]
                 yield WhitePiece(
                     channel=first + c, record=r, columns=columns, rows=wide[seen, c], residuals=residuals[seen, c]
                 )
