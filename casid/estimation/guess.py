@@ -55,7 +55,9 @@ def with_guess(problem: Problem, inner: Problem, deadline: float = math.inf) -> 
         missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
         table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
     inner = _guessing(inner, table)
-    found = _guessed_states(inner, deadline)
+    found = _smoothed(inner, deadline)
+    if found is None and time.perf_counter() < deadline:
+        found = _simulated(inner)
     if found is None:
         return inner
     for record, own in missing.items():
@@ -67,13 +69,6 @@ def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
     """The problem with a guess (N, states) by record."""
     model = replace(problem.model, guess=partial(looked_up, table))
     return replace(problem, model=share_cache(model, problem.model))
-
-
-def _guessed_states(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
-    """Record -> (N, states) at the start values of a problem; None where the model has no motion there, and where the
-    time is up."""
-    found = _smoothed(problem, deadline)
-    return _simulated(problem) if found is None and time.perf_counter() < deadline else found
 
 
 def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
@@ -117,9 +112,7 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
         return None, np.inf
     trajectory = outcome.value.trajectory
     levels = outcome.value.noise.levels
-    if trajectory is None or not np.isfinite(trajectory.states).all():
-        return None, np.inf
-    if not outcome.value.worst() < _MOTION * larger:
+    if trajectory is None or not (np.isfinite(trajectory.states).all() and outcome.value.worst() < _MOTION * larger):
         return None, np.inf
     flat = trajectory.states.reshape(-1, len(model.states))
     square = 2.0 * levels.cost(outcome.value.squares) / levels.count

@@ -18,6 +18,7 @@ import numpy as np
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import is_found
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, linear_at
 from casid.estimation.solvers.status import Stage, too_coarse
@@ -78,9 +79,8 @@ class Attempt:
 
     @property
     def misfit(self) -> float:
-        """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
-        value = self.outcome.value
-        return self.objective.misfit(value) if value.worst() < MET else math.inf
+        """Return `misfit_of` the end."""
+        return misfit_of(self.objective, self.outcome.value)
 
     @cached_property
     def stretches(self) -> Stretches:
@@ -104,6 +104,11 @@ class Attempt:
     def values(self) -> dict[str, float]:
         """Name -> estimate, of the problem as it is solved."""
         return self.objective.problem.named(self.outcome.point.theta)
+
+
+def misfit_of(objective: AnyObjective, value: ObjectiveValue) -> float:
+    """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
+    return objective.misfit(value) if value.worst() < MET else math.inf
 
 
 def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:

@@ -76,64 +76,46 @@ class _Squares:
         posed = self.posed
         inner = self.problem.model.outputs
         sizes = self.sigma(fit)
-        predictions = {}
-        residuals = {}
+        measured = {record.name: posed.outputs_of(record) for record in posed.records}
+        predictions = {record: np.empty_like(z) for record, z in measured.items()}
+        squares: dict[str, list[np.ndarray]] = {}
         cost = fit.cost
         likelihood = fit.log_likelihood
-        for record in self.posed.records:
-            own = fit.predictions[record.name]
-            whitened = fit.residuals[record.name]
-            measured = posed.outputs_of(record)
-            columns = []
-            for i, name in enumerate(posed.model.outputs):
-                noise = posed.noise_formulas.get(name)
-                if noise is None:
-                    columns.append(own[:, inner.index(name)])
-                    continue
+        for i, name in enumerate(posed.model.outputs):
+            noise = posed.noise_formulas.get(name)
+            if noise is None:
+                for record, y in predictions.items():
+                    y[:, i] = fit.predictions[record][:, inner.index(name)]
+                continue
+            squares[name] = []
+            for record in posed.records:
+                own = fit.predictions[record.name]
                 sigma = sizes[record.name][name]
                 reference = self.reference[record.name][name]
                 reading, present = _reading(record, name, noise)
                 at = (own[:, inner.index(_LINE.format(name))] - reading / reference) * sigma + reading
-                columns.append(np.exp(at) if noise.logarithmic else at)
-                spread = whitened[:, inner.index(_SPREAD.format(name))][present]
+                predictions[record.name][:, i] = np.exp(at) if noise.logarithmic else at
+                spread = fit.residuals[record.name][:, inner.index(_SPREAD.format(name))][present]
                 cost -= 0.5 * float((spread**2).sum())
                 likelihood += float((0.5 * spread**2 + 0.5 * math.log(2.0 * math.pi)).sum())
                 likelihood -= float(np.log(sigma[present]).sum())
                 if noise.logarithmic:
-                    likelihood -= float(np.log(measured[present, i]).sum())
-            predictions[record.name] = np.stack(columns, axis=1)
-            residuals[record.name] = measured - predictions[record.name]
-        return self._with_channels(fit, predictions, residuals, sizes, (cost, likelihood))
-
-    def _with_channels(
-        self,
-        fit: Fit,
-        predictions: Mapping[str, np.ndarray],
-        residuals: Mapping[str, np.ndarray],
-        sizes: Mapping[str, Mapping[str, np.ndarray]],
-        totals: tuple[float, float],
-    ) -> Fit:
-        posed = self.posed
-        measured = {record.name: posed.outputs_of(record) for record in posed.records}
+                    likelihood -= float(np.log(measured[record.name][present, i]).sum())
+                squares[name].append(sigma[present] ** 2)
         channels = channel_fits(posed.model.outputs, measured, predictions)
-        noise = {}
-        for name in channels:
-            i = posed.model.outputs.index(name)
-            noise[name] = fit.noise.get(name, math.nan)
-            if name in posed.noise_formulas:
-                sigma = [sizes[record][name][np.isfinite(z[:, i])] for record, z in measured.items()]
-                noise[name] = float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
+        found = {name: fit.noise.get(name, math.nan) for name in channels}
+        found |= {n: float(np.sqrt(np.mean(np.concatenate(s)))) for n, s in squares.items() if n in channels}
         return replace(
             fit,
             problem=posed,
             uncertainty=Rescaled(fit.uncertainty, np.ones(len(posed.parameters)), coloured=False),
-            cost=totals[0],
-            log_likelihood=totals[1],
+            cost=cost,
+            log_likelihood=likelihood,
             predictions=predictions,
-            residuals=residuals,
+            residuals={record: z - predictions[record] for record, z in measured.items()},
             channels=channels,
-            noise=noise,
-            noise_covariance=np.diag([noise.get(n, np.nan) ** 2 for n in posed.model.outputs]),
+            noise=found,
+            noise_covariance=np.diag([found.get(n, np.nan) ** 2 for n in posed.model.outputs]),
         )
 
 

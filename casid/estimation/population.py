@@ -41,7 +41,7 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
     fit = first(_given(problem, names, mean, scale))
     settled = False
     for _ in range(_ROUNDS):
-        seen = _Seen.of(problem, names, fit, (mean, spread))
+        seen = _Seen.of(names, fit, (mean, spread))
         found = seen.most_likely_spreads(scale)
         _, means, errors = seen.estimates(found)
         least = _LEAST * seen.size
@@ -56,7 +56,7 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
             break
     if fit.uncertainty.solved.linear is None:
         return replace(fit, problem=problem)
-    return _returned(problem, names, fit, _Seen.of(problem, names, fit, (mean, spread)), (spread, scale), settled)
+    return _returned(problem, names, fit, _Seen.of(names, fit, (mean, spread)), (spread, scale), settled)
 
 
 def _start(problem: Problem, name: str) -> float:
@@ -93,7 +93,7 @@ class _Seen:
     size: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
+    def of(cls, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
         """Linearise a fit with given means and spreads, in the coordinates of the solvers."""
         base = fit.uncertainty.solved
         assert base.linear is not None

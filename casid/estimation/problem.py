@@ -131,15 +131,14 @@ class Problem:
         given = given_records(self.records, "Problem")
         records = with_measured_states(self.model, tuple(map(self.model.ready, given)), self.measured)
         object.__setattr__(self, "records", records)
-        object.__setattr__(self, "free", names_of(self.free, "Problem: free"))
-        object.__setattr__(self, "per_record", names_of(self.per_record, "Problem: per_record"))
+        for globs in ("free", "per_record", "log"):
+            object.__setattr__(self, globs, names_of(getattr(self, globs), f"Problem: {globs}"))
         object.__setattr__(self, "constraints", check_constraints(self.constraints))
         check_cost(self.cost)
         check_records(self.model, records, simulated=self.simulated)
         own = [record.name for record in records]
         numbers_by_name(self.fixed, "Problem: fixed")
         check_of_records("fixed", self.fixed, "parameter", self.model.parameters, own)
-        object.__setattr__(self, "log", names_of(self.log, "Problem: log"))
         if not self.parameters and not self.simulated:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         if not isinstance(self.prior, bool):
@@ -472,7 +471,7 @@ def _check_logarithmic(problem: Problem) -> None:
 
 
 def _check_combination(problem: Problem) -> None:
-    """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
+    """Raise EstimationError for what has no meaning together, InputError for what the records do not have."""
     model = problem.model
     law = problem.feedback is not None
     by_equations = problem.weights[1] > 0.0

@@ -15,7 +15,7 @@ from casid.errors import InputError
 from casid.estimation.cost import OwnLikelihood
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
-from casid.estimation.integration import MET
+from casid.estimation.integration import MET, misfit_of
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.effort import Effort
 from casid.estimation.solvers.gauss_newton import FilterSearch
@@ -192,11 +192,9 @@ def _best(problem: Problem, fits: Sequence[Fit], lost: Sequence[Fit]) -> Fit:
 
 
 def _badness(fit: Fit) -> float:
-    """-ln(likelihood x prior), up to a constant of the problem; infinite where the fit is no motion."""
+    """Return `misfit_of` where the solver ended."""
     solved = fit.uncertainty.solved
-    value = solved.value
-    misfit = solved.objective.misfit(value) if value.worst() < MET else math.inf
-    return misfit if np.isfinite(misfit) else math.inf
+    return misfit_of(solved.objective, solved.value)
 
 
 def _minima(fits: Sequence[Fit], best: float) -> tuple[Minimum, ...]:

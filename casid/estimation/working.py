@@ -17,7 +17,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.errors import EstimationError
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fits
@@ -71,8 +70,6 @@ class Working:
     def _with_noise(self, fit: Fit) -> Fit:
         """Return the fit in units of the channels, from one in units of the noise of each sample."""
         outputs = self.posed.model.outputs
-        if not set(self.posed.sigma_channels) <= set(outputs):
-            raise EstimationError("solve: noise per sample is given for a channel that is not an output")
         sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
         measured = {r.name: self.posed.outputs_of(r) for r in self.posed.records}
         predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}

@@ -24,8 +24,6 @@ class ParameterLimits:
 
     def __init__(self, problem: Problem) -> None:
         count = len(problem.parameters)
-        self.linear = np.zeros((0, count))
-        self.single: list[int | None] = []
         lower = []
         upper = []
         rows = []
@@ -44,10 +42,9 @@ class ParameterLimits:
             curved += parts
             lower += [constraint.lower] * len(own)
             upper += [constraint.upper] * len(own)
-            for row in own:
-                which = np.flatnonzero(row)
-                self.single.append(int(which[0]) if len(which) == 1 else None)
         self.linear = np.reshape(rows, (len(rows), count))
+        alone = [np.flatnonzero(row).tolist() for row in self.linear]
+        self.single: list[int | None] = [which[0] if len(which) == 1 else None for which in alone]
         self.lower, self.upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
         self._curved: tuple[ca.Function, ca.Function, ca.Function] | None = None
         if any(isinstance(c, NonlinearConstraint) for c in problem.constraints):

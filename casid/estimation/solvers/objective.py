@@ -63,7 +63,8 @@ class Objective:
         factor = None
         if dynamics is not None:
             self.layout = layout = dynamics.layout
-            self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
+            segments = [layout.segments_of(r) for r in range(len(problem.records))]
+            self.kkt = [BandedKKT(one.stop - one.start, n) for one in segments]
             known, std = problem.initial_knowledge
             self.centre = np.where(np.isnan(known), layout.start[layout.first], known)
             self.exact = std == 0.0
@@ -74,10 +75,6 @@ class Objective:
                 self.paths = PathLimits(problem, dynamics)
         self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
         self._triangular = True  # whether the root of the covariance of random defects is
-
-    def _count(self, record: int) -> int:
-        segments = self.layout.segments_of(record)
-        return segments.stop - segments.start
 
     @property
     def soft(self) -> bool:
@@ -98,7 +95,9 @@ class Objective:
     # ---- weights
 
     def _noise_levels(self) -> Levels:
-        measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
+        measured = np.zeros((1, 0))
+        if self.dynamics is not None:
+            measured = np.concatenate([self.problem.outputs_of(record) for record in self.problem.records])
         if self.equations is not None:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets))
         share = np.full(measured.shape[1], self.equation_share)
@@ -107,20 +106,14 @@ class Objective:
         names = self.channel_names
         if isinstance(noise, StudentT | Huber):  # solved by weights; elsewhere its scale is what noise there is
             noise = noise.sigma
+        if isinstance(noise, Mapping):
+            noise = {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}
         if not isinstance(noise, str | np.ndarray):
-            known = (
-                {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}
-                if isinstance(noise, Mapping)
-                else noise
-            )
-            return noise_levels(known, names, measured, share)
+            return noise_levels(noise, names, measured, share)
         independent = noise_levels(None, names, measured, share)
         layout = self.layout
         given = noise if isinstance(noise, np.ndarray) else None
         return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
-
-    def _measured_outputs(self) -> np.ndarray:
-        return np.concatenate([self.problem.outputs_of(record) for record in self.problem.records])
 
     @property
     def channel_names(self) -> tuple[str, ...]:

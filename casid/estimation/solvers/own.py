@@ -271,7 +271,8 @@ class OwnObjective:
 
 
 class _Given:
-    """A likelihood of a user's own, in which nothing follows the parameters."""
+    """A likelihood of a user's own, in which nothing follows the parameters: what a `Following` does besides is not
+    asked of it."""
 
     names = ()
     process = np.zeros(0)
@@ -321,18 +322,6 @@ class _Given:
 
     def jacobian(self, at: Whitened) -> np.ndarray:
         return self._numbers("jacobian", at.kept, (len(at.residual), len(at.kept)))
-
-    def followed(self, at: Whitened, change: np.ndarray) -> np.ndarray:
-        return np.zeros((0, 0))
-
-    def relaxed(self, at: Whitened, noise: NoiseState, step: LimitedStep | None) -> NoiseState:
-        return noise
-
-    def again(self, at: Whitened, noise: NoiseState) -> Whitened:
-        return at
-
-    def bent(self, at: Whitened) -> Whitened:
-        return at
 
     def parts(self, at: Whitened, record: int) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
         yield from ()
