@@ -40,10 +40,10 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
     for _ in range(_ROUNDS):
         if (stepping := as_stepping(end.method)) is not None:
             end = integrated(end.objective, end.outcome, replace(stepping, substeps=asked), solver)
-        objective, outcome = _freed(end.objective, end.outcome, solver)
-        if outcome is end.outcome:
+        freed = _freed(end, solver)
+        if freed is end:
             break
-        end = replace(end, objective=objective, outcome=outcome)
+        end = freed
     outcome = to_second_order(end.objective, end.outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
     return replace(end, outcome=outcome)
 
@@ -63,8 +63,8 @@ def likely(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     gone &= np.abs(end.outcome.point.theta) > np.abs(start)
     if not gone.any():
         return end
-    turned = dict(zip(problem.parameters, np.where(gone, -start, start).tolist(), strict=True))
-    other = _ended(replace(problem, start=turned), method, solver)
+    turned = replace(problem, start=problem.named(np.where(gone, -start, start)))
+    other = _ended(turned, method, solver)
     if not other.outcome.converged or other.misfit > end.misfit + FLAT:
         return end
     iterations = end.outcome.iterations + other.outcome.iterations
@@ -76,19 +76,19 @@ def _ended(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     return Attempt(objective=objective, outcome=solver.minimise(objective), method=method, fine=True)
 
 
-def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objective, Outcome]:
+def _freed(end: Attempt, solver: Timed) -> Attempt:
     """The solution where initial states that are not given weigh nothing: their priors are widened as long as they
     do."""
-    loose = ~objective.problem.is_initial_given
+    loose = ~end.objective.problem.is_initial_given
     for _ in range(_TIMES):
-        pulled = outcome.converged and _pull(objective, outcome, loose) > _PULL
+        objective = end.objective
+        pulled = end.outcome.converged and _pull(objective, end.outcome, loose) > _PULL
         if not pulled or solver.left <= 0.0:
             break
-        objective = Objective(
-            _with_wider(objective.problem, loose), objective.dynamics, outcome.point, objective.effort
-        )
-        outcome = solver.minimise(objective)
-    return objective, outcome
+        wider = _with_wider(objective.problem, loose)
+        objective = Objective(wider, objective.dynamics, end.outcome.point, objective.effort)
+        end = replace(end, objective=objective, outcome=solver.minimise(objective))
+    return end
 
 
 def _pull(objective: Objective, outcome: Outcome, loose: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from casid.estimation.attempt import check_part
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fits
 from casid.estimation.histories import solved_with_histories
+from casid.estimation.integration import Attempt
 from casid.estimation.likelihood import judged, log_prior
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
@@ -26,7 +27,7 @@ from casid.estimation.solvers.own import AnyObjective, OwnObjective, Told
 from casid.estimation.solvers.solver import Outcome, Solver, linear_at
 from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.starts import best_of, confirmed
-from casid.estimation.strategy import Ending, ending, usual_of
+from casid.estimation.strategy import ending, usual_of
 from casid.estimation.switching import without_switching
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription, is_implicit
 from casid.estimation.uncertainty import Uncertainty
@@ -144,32 +145,32 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
         return taken.returned(replace(_fit(solved, end, method, begin), problem=taken.problem))
 
 
-def _ended(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> tuple[Problem, Ending]:
+def _ended(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> tuple[Problem, Attempt]:
     """Solve a problem whose motion does not switch; of one that does the one that differs least and has a solution."""
     solved = problem
     end = None
     start = {}
     for one, remark in without_switching(problem):
         further = ending(replace(one, start=start or one.start), method, solver, clock)
-        if end is not None and end.attempt.found and not further.attempt.found:
+        if end is not None and end.found and not further.found:
             break
         solved = one
         end = replace(further, remark="; ".join(filter(None, (remark, further.remark))))
-        start = further.attempt.values if further.attempt.found else {}
+        start = further.values if further.found else {}
     assert end is not None
     return solved, end
 
 
-def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> Fit:
-    objective: Any = end.attempt.objective
-    outcome = end.attempt.outcome
-    method = end.attempt.method
+def _fit(problem: Problem, end: Attempt, asked: Transcription, begin: float) -> Fit:
+    objective: Any = end.objective
+    outcome = end.outcome
+    method = end.method
     value = outcome.value
     simulated = objective.dynamics is not None
     told = objective.told(value) if isinstance(objective, OwnObjective) else _told(objective, outcome)
     measured = told.measured
     predicted = told.predicted
-    likelihood = judged(end.attempt, end.coarse)
+    likelihood = judged(end)
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))
     names = objective.channel_names
@@ -181,7 +182,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     theta = objective.limits.kept(outcome.point.theta, outcome.limit_multipliers)
     return Fit(
         problem=problem,
-        values=dict(zip(problem.parameters, theta.tolist(), strict=True)),
+        values=problem.named(theta),
         uncertainty=errors,
         ended=ended,
         iterations=outcome.iterations,
@@ -217,46 +218,28 @@ def _errors(objective: AnyObjective, outcome: Outcome) -> Uncertainty:
 
 
 def _told(objective: Objective, outcome: Outcome) -> Told:
-    measured, predicted = _signals(objective, outcome)
-    return Told(measured=measured, predicted=predicted, states=_states(objective, outcome))
-
-
-def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """record -> (N, channels) measured and predicted."""
+    """Signals and states of every record, outputs before equations."""
     problem = objective.problem
     value = outcome.value
-    measured: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
-    predicted: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
-    if value.trajectory is not None:
-        flat = value.trajectory.y.reshape(-1, value.trajectory.y.shape[2])
-        for record, sample in zip(problem.records, objective.layout.sample, strict=True):
-            measured[record.name].append(problem.outputs_of(record))
-            predicted[record.name].append(flat[sample])
-    if objective.equations is not None and value.equations is not None:
-        for record, target, residual in zip(
-            problem.records, objective.equations.targets, value.equations.residuals, strict=True
-        ):
-            measured[record.name].append(target)
-            predicted[record.name].append(target + residual)
-    return _joined(measured), _joined(predicted)
-
-
-def _joined(parts: dict[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
-    return {name: np.concatenate(columns, axis=1) for name, columns in parts.items()}
-
-
-def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
-    trajectory = outcome.value.trajectory
-    if trajectory is None:
-        return {}
-    layout = objective.layout
-    states = trajectory.states
-    flat = states.reshape(-1, states.shape[2])
-    return {
-        record.name: StateHistory(
-            trajectory=flat[layout.sample[r]],
-            nodes=outcome.point.nodes[layout.segments_of(r)],
-            node_times=layout.times[r][:: layout.length],
-        )
-        for r, record in enumerate(objective.problem.records)
-    }
+    trajectory = value.trajectory
+    measured: dict[str, np.ndarray] = {}
+    predicted: dict[str, np.ndarray] = {}
+    states: dict[str, StateHistory] = {}
+    for r, record in enumerate(problem.records):
+        read = []
+        found = []
+        if trajectory is not None:
+            layout = objective.layout
+            x, y = (v.reshape(-1, v.shape[2])[layout.sample[r]] for v in (trajectory.states, trajectory.y))
+            nodes = outcome.point.nodes[layout.segments_of(r)]
+            times = layout.times[r][:: layout.length]
+            states[record.name] = StateHistory(trajectory=x, nodes=nodes, node_times=times)
+            read.append(problem.outputs_of(record))
+            found.append(y)
+        if objective.equations is not None and value.equations is not None:
+            target = objective.equations.targets[r]
+            read.append(target)
+            found.append(target + value.equations.residuals[r])
+        measured[record.name] = np.concatenate(read, axis=1)
+        predicted[record.name] = np.concatenate(found, axis=1)
+    return Told(measured=measured, predicted=predicted, states=states)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from casid.records.record import Record
 
 
-# what estimate.json has of the attributes as they are
+# of an estimate: its head in a table, and its format
 _COLUMNS = {
     "value": ("value", ".6g"),
     "std": ("std", ".3g"),
@@ -37,6 +37,7 @@ _COLUMNS = {
     "prior": ("a priori", ".6g"),
     "prior_std": ("a-priori std", ".3g"),
 }
+# what estimate.json has of the attributes as they are
 _IN_JSON = (
     "status reason remedy converged iterations method solver seconds cost log_likelihood log_prior log_posterior "
     "stationarity defect parameters initial_states noise channels remarks"

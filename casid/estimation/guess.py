@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import casadi as ca
 import numpy as np
 
 from casid.estimation.cost import OutputError
@@ -25,7 +24,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.transcription import MultipleShooting, finest_interval
 from casid.model.built import cached, share_cache
 from casid.model.simulate import cvodes_step, flown, steps_of
-from casid.model.system import Model, unguessed_states
+from casid.model.system import unguessed_states
 from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
@@ -56,7 +55,9 @@ def with_guess(problem: Problem, inner: Problem, deadline: float = math.inf) -> 
         missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
         table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
     inner = _guessing(inner, table)
-    found = _guessed_states(inner, deadline)
+    found = _smoothed(inner, deadline)
+    if found is None and time.perf_counter() < deadline:
+        found = _simulated(inner)
     if found is None:
         return inner
     for record, own in missing.items():
@@ -68,13 +69,6 @@ def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
     """The problem with a guess (N, states) by record."""
     model = replace(problem.model, guess=partial(looked_up, table))
     return replace(problem, model=share_cache(model, problem.model))
-
-
-def _guessed_states(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
-    """Record -> (N, states) at the start values of a problem; None where the model has no motion there, and where the
-    time is up."""
-    found = _smoothed(problem, deadline)
-    return _simulated(problem) if found is None and time.perf_counter() < deadline else found
 
 
 def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
@@ -97,18 +91,15 @@ def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | N
 def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
     """Smooth as `_smoothed`, with states so many times larger than the model states, and give the mean square of the
     residuals."""
-    held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
-    model = share_cache(replace(held, guess=problem.model.guess), held)
+    model = problem.model
     # in continuous time noise gathers over a record's duration, in discrete time over its samples
     duration = max(len(r) if model.period is not None else r.duration for r in problem.records)
     smoothing = Problem(
         model,
         problem.records,
-        free=[_NOTHING],
         fixed=_values(problem),
         cost=OutputError(),
         noise={name: _twentieth(problem.records, name) for name in model.outputs},
-        prior=True,
         initial_state=_with_sizes(problem, larger),
     )
     wander = {s: larger * _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
@@ -121,9 +112,7 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
         return None, np.inf
     trajectory = outcome.value.trajectory
     levels = outcome.value.noise.levels
-    if trajectory is None or not np.isfinite(trajectory.states).all():
-        return None, np.inf
-    if not outcome.value.worst() < _MOTION * larger:
+    if trajectory is None or not (np.isfinite(trajectory.states).all() and outcome.value.worst() < _MOTION * larger):
         return None, np.inf
     flat = trajectory.states.reshape(-1, len(model.states))
     square = 2.0 * levels.cost(outcome.value.squares) / levels.count
@@ -157,21 +146,6 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
 def looked_up(table: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
     """A `Model.guess` that was made before, record name -> (N, states)."""
     return table[record.name]
-
-
-_NOTHING = "(nothing)"  # a parameter without effect: all others are held
-
-
-def _held(model: Model) -> Model:
-    """The model with a parameter of which nothing depends, which a prior determines."""
-    return replace(
-        model,
-        parameters=(*model.parameters, _NOTHING),
-        p=ca.vertcat(model.p, ca.SX.sym("nothing")),
-        nominal={**model.nominal, _NOTHING: 0.0},
-        prior_std={_NOTHING: 1.0},
-        equation=None,
-    )
 
 
 def _values(problem: Problem) -> dict[str, float]:

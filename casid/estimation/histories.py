@@ -17,6 +17,7 @@ from casid.estimation.constraints import limit_parameter
 from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.status import Results, Status
+from casid.model.system import bare_name
 from casid.model.with_effects import at_own_times
 
 _ROUNDS = 60
@@ -38,7 +39,7 @@ def solved_with_histories(problem: Problem, first: Callable[[Problem], Fit], aga
     last = dict.fromkeys(moving, 0.0)
     settled = not moving
     for _ in range(_ROUNDS if moving else 0):
-        before = dict(zip(now.parameters, now.start_vector.tolist(), strict=True))
+        before = now.named(now.start_vector)
         steps = {name: fit.values[name] - before[name] for name in moving}
         if (
             all(abs(step) <= _allowed(fit, name) for name, step in steps.items())
@@ -79,15 +80,15 @@ def _held(problem: Problem) -> Problem:
 
 
 def _within(problem: Problem, reach: dict[str, float]) -> Problem:
-    start = dict(zip(problem.parameters, problem.start_vector.tolist(), strict=True))
+    start = problem.named(problem.start_vector)
     near = [limit_parameter(n, lower=start[n] - by, upper=start[n] + by) for n, by in reach.items()]
     return replace(problem, constraints=[*problem.constraints, *near])
 
 
 def _first_reach(problem: Problem, name: str) -> float:
     """A size may double at first; one of zero may become as large as is typical."""
-    start = abs(dict(zip(problem.parameters, problem.start_vector.tolist(), strict=True))[name])
-    bare = dict(zip(problem.parameters, problem.bare, strict=True))[name]
+    start = abs(problem.named(problem.start_vector)[name])
+    bare = bare_name(problem.model, name)
     effects = [one.of for one in problem.model.histories if bare in one.parameters]
     if ".onset[" in bare:
         return max(20.0 * problem.records[0].dt, 0.25)

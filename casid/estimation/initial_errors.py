@@ -56,7 +56,7 @@ def initial_errors(objective: AnyObjective, linear: Linearised) -> InitialErrors
         gradient = np.pad(blocks.gradient[own], ((0, 0), (0, n)))
         transition = np.pad(blocks.transition[own], ((0, 0), (0, 0), (0, n)))
         bordered = hessian, gradient, transition
-        first = objective.reduced(r, bordered, blocks.covariance, blocks.end, linear.point).ds_p[0]
+        first = objective.reduced(r, bordered, blocks, linear.point).ds_p[0]
         free = ~objective.exact[r]
         given[r] = first[:, inner - n :] * free * free[:, None]
         moved[r][:, objective.problem.columns(r)] = -first[:, : inner - n] * free[:, None]

@@ -18,6 +18,7 @@ import numpy as np
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import is_found
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, linear_at
 from casid.estimation.solvers.status import Stage, too_coarse
@@ -26,7 +27,7 @@ from casid.estimation.stretches import EXACT, Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.steps import rates_function
+from casid.estimation.transcriptions.steps import slopes_function
 from casid.estimation.transcriptions.transcription import (
     Collocation,
     MultipleShooting,
@@ -35,6 +36,7 @@ from casid.estimation.transcriptions.transcription import (
     Transcription,
     as_stepping,
     is_implicit,
+    order_of,
 )
 from casid.model.built import compiled
 
@@ -60,12 +62,15 @@ _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviat
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attempt:
     """End of a solver, with the objective and the transcription that it took; `fine`: with half the steps of
-    integration the solution is the same."""
+    integration the solution is the same, `coarse`: it would be another one. `remark`: what a person should know of how
+    it was found, "" if nothing."""
 
     objective: Any  # an `Objective`, or an `OwnObjective` where the cost makes its likelihood itself
     outcome: Outcome
     method: Transcription
     fine: bool = False
+    coarse: bool = False
+    remark: str = ""
 
     @property
     def found(self) -> bool:
@@ -74,9 +79,8 @@ class Attempt:
 
     @property
     def misfit(self) -> float:
-        """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
-        value = self.outcome.value
-        return self.objective.misfit(value) if value.worst() < MET else math.inf
+        """Return `misfit_of` the end."""
+        return misfit_of(self.objective, self.outcome.value)
 
     @cached_property
     def stretches(self) -> Stretches:
@@ -99,9 +103,12 @@ class Attempt:
     @property
     def values(self) -> dict[str, float]:
         """Name -> estimate, of the problem as it is solved."""
-        names = self.objective.problem.parameters
-        theta = self.outcome.point.theta
-        return dict(zip(names, theta.tolist(), strict=True))
+        return self.objective.problem.named(self.outcome.point.theta)
+
+
+def misfit_of(objective: AnyObjective, value: ObjectiveValue) -> float:
+    """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
+    return objective.misfit(value) if value.worst() < MET else math.inf
 
 
 def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:
@@ -243,7 +250,7 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
         return 2 * steps
     if not finer.implicit and (stable := _stable_steps_of_uneven(objective, outcome.value)) > steps:
         return stable
-    return steps if excess < 1.0 else max(_steps_for(excess, steps, finer.order), steps + 1)
+    return steps if excess < 1.0 else max(_steps_for(excess, steps, order_of(finer)), steps + 1)
 
 
 def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -256,9 +263,9 @@ def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarra
     scale = objective.scale
     flat = states.reshape(-1, n)
     inputs = layout.u0[:, :length].reshape(count * length, -1)
-    found = compiled(model, rates_function).mapped(_SAMPLES)(
+    found = compiled(model, slopes_function, "f").mapped(_SAMPLES)(
         flat[which], inputs[which], parameters[layout.record[which // length]]
-    )[0]
+    )[1]
     found = found.reshape(_SAMPLES, n, n)
     if not np.isfinite(found).all():
         return np.empty(0)
@@ -405,7 +412,7 @@ def _integration_error(
     value = outcome.value
     trajectory, (y, end) = value.trajectory, _with_half_steps(objective, outcome, method)
     assert trajectory is not None and linear.blocks is not None
-    power = 2.0**method.order
+    power = 2.0 ** order_of(method)
     scale = power / (power - 1.0)  # of the difference, to the error
     direct, along = _directly(objective, value, scale * (y - trajectory.y))
     made = scale * (end - trajectory.end)

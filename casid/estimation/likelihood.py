@@ -31,8 +31,8 @@ class Judged:
     outputs: tuple[np.ndarray, ...] | None = None
 
 
-def judged(attempt: Attempt, coarse: bool) -> Judged:
-    """The likelihood of an end, whose steps of integration may be too `coarse`.
+def judged(attempt: Attempt) -> Judged:
+    """The likelihood of an end.
 
     An end without open defects is one motion, converged or not, and has it from its own integration, whose error is
     checked. Another one is simulated once more in one piece from its initial states, by an implicit method of variable
@@ -50,7 +50,7 @@ def judged(attempt: Attempt, coarse: bool) -> Judged:
     solved = attempt.outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
     if solved or not plain or problem.feedback is not None or problem.model.period is not None:
         return Judged(log_likelihood=levels.log_likelihood(squares))
-    if math.isfinite(attempt.misfit) and not coarse:
+    if math.isfinite(attempt.misfit) and not attempt.coarse:
         return Judged(log_likelihood=levels.relaxed(squares)[0].log_likelihood(squares))
     if sum(len(record) for record in problem.records) > _MOST_SAMPLES:
         reason = "no likelihood: the end is no solution, and its records are too long to simulate once more"

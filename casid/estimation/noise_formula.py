@@ -63,18 +63,12 @@ class _Squares:
     def sigma(self, fit: Fit) -> dict[str, dict[str, np.ndarray]]:
         """Record -> output -> (N,) 1-sigma at a fit of `problem`."""
         outputs = self.problem.model.outputs
-        found = {}
-        columns = [name for name in outputs if name in fit.channels]
-        for record in self.posed.records:
-            found[record.name] = {}
-            for name in self.posed.noise_formulas:
-                spread = _SPREAD.format(name)
-                reference = self.reference[record.name][name]
-                if spread not in columns:
-                    found[record.name][name] = reference
-                    continue
-                root = fit.predictions[record.name][:, outputs.index(spread)]
-                found[record.name][name] = reference * np.exp(0.5 * (root**2 - self.room))
+        found = {record: dict(of) for record, of in self.reference.items()}
+        for name in self.posed.noise_formulas:
+            spread = _SPREAD.format(name)
+            for record in found if spread in fit.channels else ():
+                root = fit.predictions[record][:, outputs.index(spread)]
+                found[record][name] = self.reference[record][name] * np.exp(0.5 * (root**2 - self.room))
         return found
 
     def returned(self, fit: Fit) -> Fit:
@@ -82,64 +76,46 @@ class _Squares:
         posed = self.posed
         inner = self.problem.model.outputs
         sizes = self.sigma(fit)
-        predictions = {}
-        residuals = {}
+        measured = {record.name: posed.outputs_of(record) for record in posed.records}
+        predictions = {record: np.empty_like(z) for record, z in measured.items()}
+        squares: dict[str, list[np.ndarray]] = {}
         cost = fit.cost
         likelihood = fit.log_likelihood
-        for record in self.posed.records:
-            own = fit.predictions[record.name]
-            whitened = fit.residuals[record.name]
-            measured = posed.outputs_of(record)
-            columns = []
-            for i, name in enumerate(posed.model.outputs):
-                noise = posed.noise_formulas.get(name)
-                if noise is None:
-                    columns.append(own[:, inner.index(name)])
-                    continue
+        for i, name in enumerate(posed.model.outputs):
+            noise = posed.noise_formulas.get(name)
+            if noise is None:
+                for record, y in predictions.items():
+                    y[:, i] = fit.predictions[record][:, inner.index(name)]
+                continue
+            squares[name] = []
+            for record in posed.records:
+                own = fit.predictions[record.name]
                 sigma = sizes[record.name][name]
                 reference = self.reference[record.name][name]
                 reading, present = _reading(record, name, noise)
                 at = (own[:, inner.index(_LINE.format(name))] - reading / reference) * sigma + reading
-                columns.append(np.exp(at) if noise.logarithmic else at)
-                spread = whitened[:, inner.index(_SPREAD.format(name))][present]
+                predictions[record.name][:, i] = np.exp(at) if noise.logarithmic else at
+                spread = fit.residuals[record.name][:, inner.index(_SPREAD.format(name))][present]
                 cost -= 0.5 * float((spread**2).sum())
                 likelihood += float((0.5 * spread**2 + 0.5 * math.log(2.0 * math.pi)).sum())
                 likelihood -= float(np.log(sigma[present]).sum())
                 if noise.logarithmic:
-                    likelihood -= float(np.log(measured[present, i]).sum())
-            predictions[record.name] = np.stack(columns, axis=1)
-            residuals[record.name] = measured - predictions[record.name]
-        return self._with_channels(fit, predictions, residuals, sizes, (cost, likelihood))
-
-    def _with_channels(
-        self,
-        fit: Fit,
-        predictions: Mapping[str, np.ndarray],
-        residuals: Mapping[str, np.ndarray],
-        sizes: Mapping[str, Mapping[str, np.ndarray]],
-        totals: tuple[float, float],
-    ) -> Fit:
-        posed = self.posed
-        measured = {record.name: posed.outputs_of(record) for record in posed.records}
+                    likelihood -= float(np.log(measured[record.name][present, i]).sum())
+                squares[name].append(sigma[present] ** 2)
         channels = channel_fits(posed.model.outputs, measured, predictions)
-        noise = {}
-        for name in channels:
-            i = posed.model.outputs.index(name)
-            noise[name] = fit.noise.get(name, math.nan)
-            if name in posed.noise_formulas:
-                sigma = [sizes[record][name][np.isfinite(z[:, i])] for record, z in measured.items()]
-                noise[name] = float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
+        found = {name: fit.noise.get(name, math.nan) for name in channels}
+        found |= {n: float(np.sqrt(np.mean(np.concatenate(s)))) for n, s in squares.items() if n in channels}
         return replace(
             fit,
             problem=posed,
             uncertainty=Rescaled(fit.uncertainty, np.ones(len(posed.parameters)), coloured=False),
-            cost=totals[0],
-            log_likelihood=totals[1],
+            cost=cost,
+            log_likelihood=likelihood,
             predictions=predictions,
-            residuals=residuals,
+            residuals={record: z - predictions[record] for record, z in measured.items()},
             channels=channels,
-            noise=noise,
-            noise_covariance=np.diag([noise.get(n, np.nan) ** 2 for n in posed.model.outputs]),
+            noise=found,
+            noise_covariance=np.diag([found.get(n, np.nan) ** 2 for n in posed.model.outputs]),
         )
 
 
@@ -165,30 +141,21 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
         sigma = noise.expression(model, name)
         used = ca.which_depends(sigma, model.p, 1, False)
         own = [i for i, (u, e) in enumerate(zip(used, elsewhere, strict=True)) if u and not e]
-        names = [
-            n
-            for n, bare in zip(problem.parameters, problem.bare, strict=True)
-            if bare in {model.parameters[i] for i in own}
-        ]
+        of_noise = {model.parameters[i] for i in own}
+        names = [n for n, bare in zip(problem.parameters, problem.bare, strict=True) if bare in of_noise]
         larger = model.p[:]
         for i in own:
             larger[i] = 2.0 * model.p[i]
-        function = ca.Function("s", [model.x, model.u, model.p], [sigma, ca.substitute(sigma, model.p, larger)])
-        sizes = []
-        reads = []
-        for record, p in zip(problem.records, problem.start_parameters, strict=True):
-            reading, present = _reading(record, name, noise)
-            many = np.tile(p[:, None], len(record))
-            both = function(model.guess(record).T, record.matrix(model.inputs).T, many)
-            sizes.append(np.stack([one.full()[0] for one in both])[:, present])
-            reads.append(reading[present])
-        (one, two), read = np.concatenate(sizes, axis=1), np.concatenate(reads)
+        sizes = problem.at_guess(ca.vertcat(sigma, ca.substitute(sigma, model.p, larger)))
+        readings = [_reading(record, name, noise) for record in problem.records]
+        read = np.concatenate([reading[present] for reading, present in readings])
+        one, two = np.concatenate([rows[present] for rows, (_, present) in zip(sizes, readings, strict=True)]).T
         spread = float(np.ptp(read)) if len(read) else 0.0
         if not names or not spread > 0.0 or not np.isfinite(one).all() or not np.allclose(two, 2.0 * one, rtol=1e-9):
             continue
         times = float(np.median(one)) / spread
         if times > 1.0:
-            before = dict(zip(problem.parameters, problem.start_vector, strict=True))
+            before = problem.named(problem.start_vector)
             start |= {n: before[n] / times for n in names}
             said.append(
                 f"start: the noise of {name} is {times:.2g} times the range of its readings; the search began with "
@@ -199,21 +166,14 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
 
 def _at_start(problem: Problem) -> _Squares:
     """Evaluate every 1-sigma at the start values, at the readings."""
-    model = problem.model
-    reference = {}
-    for r, record in enumerate(problem.records):
-        states = model.guess(record)
-        inputs = record.matrix(model.inputs)
-        reference[record.name] = {}
-        for name, noise in problem.noise_formulas.items():
+    reference: dict[str, dict[str, np.ndarray]] = {record.name: {} for record in problem.records}
+    for name, noise in problem.noise_formulas.items():
+        if isinstance(noise.sigma, str):
+            sigmas = [record[noise.sigma] for record in problem.records]
+        else:
+            sigmas = [rows[:, 0] for rows in problem.at_guess(noise.expression(problem.model, name))]
+        for record, sigma in zip(problem.records, sigmas, strict=True):
             reading, present = _reading(record, name, noise)
-            sigma = np.full(len(record), np.nan)
-            if isinstance(noise.sigma, str):
-                sigma = record[noise.sigma]
-            else:
-                function = ca.Function("s", [model.x, model.u, model.p], [noise.expression(model, name)])
-                p = np.tile(problem.start_parameters[r][:, None], len(record))
-                sigma = function(states.T, inputs.T, p).full()[0]
             spread = float(np.ptp(reading[present])) if present.any() else 1.0
             usual = _RANGE * spread if spread > 0.0 else 1.0
             good = np.isfinite(sigma) & (sigma > 0.0)

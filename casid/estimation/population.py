@@ -41,7 +41,7 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
     fit = first(_given(problem, names, mean, scale))
     settled = False
     for _ in range(_ROUNDS):
-        seen = _Seen.of(problem, names, fit, (mean, spread))
+        seen = _Seen.of(names, fit, (mean, spread))
         found = seen.most_likely_spreads(scale)
         _, means, errors = seen.estimates(found)
         least = _LEAST * seen.size
@@ -56,7 +56,7 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
             break
     if fit.uncertainty.solved.linear is None:
         return replace(fit, problem=problem)
-    return _returned(problem, names, fit, _Seen.of(problem, names, fit, (mean, spread)), (spread, scale), settled)
+    return _returned(problem, names, fit, _Seen.of(names, fit, (mean, spread)), (spread, scale), settled)
 
 
 def _start(problem: Problem, name: str) -> float:
@@ -76,7 +76,7 @@ def _given(problem: Problem, names: tuple[str, ...], mean: np.ndarray, spread: n
         if np.isfinite(s):
             nominal[name] = float(np.exp(m)) if by_log else m
             prior[name] = s * nominal[name] if by_log else s
-    start = dict(zip(problem.parameters, problem.start_vector.tolist(), strict=True))
+    start = problem.named(problem.start_vector)
     known = replace(model, nominal=nominal, prior_std=prior)
     return replace(problem, model=known, spread={}, start=start, prior=bool(prior))
 
@@ -93,7 +93,7 @@ class _Seen:
     size: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
+    def of(cls, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
         """Linearise a fit with given means and spreads, in the coordinates of the solvers."""
         base = fit.uncertainty.solved
         assert base.linear is not None
@@ -115,13 +115,9 @@ class _Seen:
         slope = (data @ theta + pull) / factor
         hessian[np.ix_(other, other)] += prior[np.ix_(other, other)]
         slope[other] += (prior @ inner.nominal)[other]
-        size = np.array(
-            [
-                _largest_spread(theta[member == j], data[member == j][:, member == j], given[1][j])
-                for j in range(len(names))
-            ]
-        )
-        return cls(hessian=hessian, slope=slope, member=member, size=size)
+        informed = np.diagonal(data)
+        size = [_largest_spread(theta[member == j], informed[member == j], s) for j, s in enumerate(given[1])]
+        return cls(hessian=hessian, slope=slope, member=member, size=np.array(size))
 
     def _system(self, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(matrix, right, map) of the joint density of v: deviations from the mean in spreads, other parameters, means;
@@ -188,10 +184,9 @@ class _Seen:
         return float(low), np.inf  # pyright: ignore[reportArgumentType]
 
 
-def _largest_spread(theta: np.ndarray, data: np.ndarray, spread: float) -> float:
-    """Return a limit of the spread of values (records,) with their information: several times what they differ by
-    and by what they are off."""
-    informed = np.diagonal(data)
+def _largest_spread(theta: np.ndarray, informed: np.ndarray, spread: float) -> float:
+    """Return a limit of the spread of values (records,) with their information (records,): several times what they
+    differ by and by what they are off."""
     errors = 1.0 / np.sqrt(informed[informed > 0.0]) if (informed > 0.0).any() else np.zeros(1)
     found = 2.0 * float(np.std(theta)) + float(np.median(errors))
     return max(found, spread) if np.isfinite(spread) else found
@@ -209,12 +204,7 @@ def _returned(
     spread, scale = spreads
     covariance, mean, errors = seen.estimates(spread)
     plain = fit.uncertainty.covariance
-    factor = np.array(
-        [
-            fit.values[n] if b in problem.logarithmic else 1.0
-            for n, b in zip(problem.parameters, problem.bare, strict=True)
-        ]
-    )
+    factor = np.where(problem.by_logarithm, list(fit.values.values()), 1.0)
     more = np.diagonal(covariance) * factor**2 - np.diagonal(plain)
     found: Mapping[str, Population] = {
         name: Population(

@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from casid.arguments import listed, numbers_by_name, require
@@ -130,15 +131,14 @@ class Problem:
         given = given_records(self.records, "Problem")
         records = with_measured_states(self.model, tuple(map(self.model.ready, given)), self.measured)
         object.__setattr__(self, "records", records)
-        object.__setattr__(self, "free", names_of(self.free, "Problem: free"))
-        object.__setattr__(self, "per_record", names_of(self.per_record, "Problem: per_record"))
+        for globs in ("free", "per_record", "log"):
+            object.__setattr__(self, globs, names_of(getattr(self, globs), f"Problem: {globs}"))
         object.__setattr__(self, "constraints", check_constraints(self.constraints))
         check_cost(self.cost)
         check_records(self.model, records, simulated=self.simulated)
         own = [record.name for record in records]
         numbers_by_name(self.fixed, "Problem: fixed")
         check_of_records("fixed", self.fixed, "parameter", self.model.parameters, own)
-        object.__setattr__(self, "log", names_of(self.log, "Problem: log"))
         if not self.parameters and not self.simulated:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         if not isinstance(self.prior, bool):
@@ -151,12 +151,6 @@ class Problem:
         check_spread(self.spread, self.local, own)
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
-        if isinstance(self.noise, str | np.ndarray) and self.weights != (1.0, 0.0):
-            raise EstimationError(
-                "Problem: correlated noise is that of simulated outputs alone; equations take noise per channel"
-            )
-        if isinstance(self.noise, StudentT | Huber) and self.model.states and self.weights[1] > 0.0:
-            raise EstimationError("Problem: robust noise is that of simulated outputs; use OutputError()")
         for constraint in self.constraints:
             self._check_constraint(constraint)
         _check_logarithmic(self)
@@ -294,6 +288,15 @@ class Problem:
         known = self.model.prior_std if self.prior else {}
         return np.array([known.get(name, np.inf) for name in self.bare])
 
+    @cached_property
+    def by_logarithm(self) -> np.ndarray:
+        """(parameters,) whether the logarithm of an unknown is estimated."""
+        return np.array([name in self.logarithmic for name in self.bare], dtype=bool)
+
+    def named(self, theta: np.ndarray) -> dict[str, float]:
+        """Name -> value of all unknown parameters, of theta (parameters,)."""
+        return dict(zip(self.parameters, theta.tolist(), strict=True))
+
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
         """(records, model parameters) values that each record is simulated with, of free ones as in `parameters`."""
         values = self._known.copy()
@@ -321,20 +324,20 @@ class Problem:
         A 1-sigma that is not given is wide: many times the largest magnitude of the state's readings or guess in any
         record, so that a motion within the readings is moved by less than a thousandth of its standard error.
         """
-        states = self.model.states
-        values = []
-        stds = []
-        for record in self.records:
-            value, std = self.initial_state.of(record.name)
-            values.append([value.get(s, np.nan) for s in states])
-            stds.append([std.get(s, np.nan) for s in states])
-        shape = (len(self.records), len(states))
-        known = np.reshape(values, shape).astype(float)
-        given = np.reshape(stds, shape).astype(float)
+        known, given = self._initial_given
         if not np.isnan(given).any():
             return known, given
         size = np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
         return known, np.where(np.isnan(given), _WIDE * size, given)
+
+    @cached_property
+    def _initial_given(self) -> tuple[np.ndarray, np.ndarray]:
+        """(records, states) value and 1-sigma of the initial states as they are given, NaN where they are not."""
+        states = self.model.states
+        tables = [self.initial_state.of(record.name) for record in self.records]
+        rows = [[[table.get(s, np.nan) for s in states] for table in both] for both in tables]
+        known, given = np.reshape(rows, (len(tables), 2, len(states))).astype(float).transpose(1, 0, 2)
+        return known, given
 
     @cached_property
     def is_initial_weak(self) -> np.ndarray:
@@ -362,9 +365,18 @@ class Problem:
     @cached_property
     def is_initial_given(self) -> np.ndarray:
         """(records, states) whether the problem states a 1-sigma of the initial state."""
-        stds = [self.initial_state.of(record.name)[1] for record in self.records]
-        given = np.array([[s in std for s in self.model.states] for std in stds], dtype=bool)
-        return given.reshape(len(stds), len(self.model.states))
+        return ~np.isnan(self._initial_given[1])
+
+    def at_guess(self, expression: ca.SX) -> list[np.ndarray]:
+        """Record by record (N, rows) a column of the model's symbols along the guessed states, at the start values and
+        without disturbances."""
+        model = self.model
+        function = ca.Function("at_guess", [model.x, model.u, model.p, model.w], [ca.densify(expression)])
+        calm = np.zeros(len(model.disturbances))
+        return [
+            function(model.guess(record).T, record.matrix(model.inputs).T, p, calm).full().T
+            for record, p in zip(self.records, self.start_parameters, strict=True)
+        ]
 
     def outputs_of(self, record: Record) -> np.ndarray:
         """(N, outputs) measured outputs of one of the records, NaN where missing."""
@@ -375,17 +387,10 @@ class Problem:
     @cached_property
     def linear_rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, lower, upper) of the linear constraints on the vector of parameters."""
-        rows = []
-        lower = []
-        upper = []
-        for constraint in self.constraints:
-            if not isinstance(constraint, LinearConstraint):
-                continue
-            for row in self.linear_rows_of(constraint):
-                rows.append(row)
-                lower.append(constraint.lower)
-                upper.append(constraint.upper)
-        return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
+        linear = [c for c in self.constraints if isinstance(c, LinearConstraint)]
+        kept = [(row, c.lower, c.upper) for c in linear for row in self.linear_rows_of(c)]
+        rows, lower, upper = zip(*kept, strict=True) if kept else ((), (), ())
+        return np.reshape(rows, (len(kept), len(self.parameters))), np.array(lower), np.array(upper)
 
     @cached_property
     def bounds(self) -> np.ndarray:
@@ -445,22 +450,20 @@ def check_plain(problem: Problem, what: str) -> None:
 
 def _check_logarithmic(problem: Problem) -> None:
     """Raise EstimationError for a logarithm of what may not be positive."""
-    start = dict(zip(problem.parameters, problem.start_vector, strict=True))
-    bare = dict(zip(problem.parameters, problem.bare, strict=True))
     for name in problem.logarithmic:
         if not problem.model.nominal[name] > 0.0:
             raise EstimationError(
                 f"Problem: log: the a-priori value of '{name}' is {problem.model.nominal[name]:g}; expected a positive "
                 "one"
             )
-        for full, value in start.items():
-            if bare[full] == name and not value > 0.0:
-                raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
-
+    for (name, value), by_log in zip(problem.named(problem.start_vector).items(), problem.by_logarithm, strict=True):
+        if by_log and not value > 0.0:
+            raise EstimationError(f"Problem: log: the start of '{name}' is {value:g}; expected a positive value")
+    own = set(problem.parameters) - set(problem.shared)
     for constraint in problem.constraints:
         coefficients = constraint.coefficients if isinstance(constraint, LinearConstraint) else {}
         for name in coefficients if len(coefficients) > 1 else ():
-            if name not in problem.model.parameters and bare.get(name) in problem.logarithmic:
+            if name in own and bare_name(problem.model, name) in problem.logarithmic:
                 raise EstimationError(
                     f"Problem: '{name}' of one record is estimated by its logarithm and stands in a sum with others; "
                     "estimate it as it is, without log"
@@ -468,34 +471,47 @@ def _check_logarithmic(problem: Problem) -> None:
 
 
 def _check_combination(problem: Problem) -> None:
-    """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
+    """Raise EstimationError for what has no meaning together, InputError for what the records do not have."""
     model = problem.model
-    both = all(w > 0.0 for w in problem.weights)
-    if problem.events and (problem.feedback is not None or problem.weights[1] > 0.0):
-        raise EstimationError(
-            f"Problem: events ({', '.join(problem.events)}) are those of a simulation, without a control law in the "
-            "loop; use OutputError()"
-        )
-    if problem.feedback is not None and (model.initial or problem.sigma_channels or problem.logarithmic):
-        raise EstimationError(
-            "Problem: a control law in the loop was made for the model as it is; it takes no `initial` of the model, "
-            "no noise per sample and no log"
-        )
-    if problem.feedback is not None and cubic_inputs(model, problem.records):
-        raise EstimationError(
-            "Problem: a control law holds what it commands; its inputs cannot be cubic between samples"
-        )
-    if model.period is not None and cubic_inputs(model, problem.records):
+    law = problem.feedback is not None
+    by_equations = problem.weights[1] > 0.0
+    cubic = cubic_inputs(model, problem.records)
+    if model.period is not None and cubic:
         raise InputError(
             f"Problem: model '{model.name}' is in discrete time; its inputs cannot be cubic between samples"
         )
-    if model.initial and both:
-        raise EstimationError(
-            "Problem: the model's `initial` holds simulated states, and the equation part of CombinedError takes "
-            "measured ones; use OutputError()"
-        )
-    if problem.sigma_channels and model.states and problem.weights[1] > 0.0:
-        raise EstimationError("Problem: noise per sample is that of outputs; equations take one 1-sigma per channel")
+    for is_wrong, why in (
+        (
+            isinstance(problem.noise, str | np.ndarray) and problem.weights != (1.0, 0.0),
+            "correlated noise is that of simulated outputs alone; equations take noise per channel",
+        ),
+        (
+            isinstance(problem.noise, StudentT | Huber) and model.states and by_equations,
+            "robust noise is that of simulated outputs; use OutputError()",
+        ),
+        (
+            problem.events and (law or by_equations),
+            f"events ({', '.join(problem.events)}) are those of a simulation, without a control law in the loop; use "
+            "OutputError()",
+        ),
+        (
+            law and (model.initial or problem.sigma_channels or problem.logarithmic),
+            "a control law in the loop was made for the model as it is; it takes no `initial` of the model, no noise "
+            "per sample and no log",
+        ),
+        (law and cubic, "a control law holds what it commands; its inputs cannot be cubic between samples"),
+        (
+            model.initial and all(w > 0.0 for w in problem.weights),
+            "the model's `initial` holds simulated states, and the equation part of CombinedError takes measured ones; "
+            "use OutputError()",
+        ),
+        (
+            problem.sigma_channels and model.states and by_equations,
+            "noise per sample is that of outputs; equations take one 1-sigma per channel",
+        ),
+    ):
+        if is_wrong:
+            raise EstimationError(f"Problem: {why}")
     for name, channel in problem.sigma_channels.items():
         if name not in model.outputs:
             raise unknown("output", name, model.outputs, "Problem: noise")

@@ -90,8 +90,6 @@ def _readings(fit: Any) -> Iterator[str]:
     simulated = {n: r for n, r in fit.residuals.items() if fit.problem.simulated and not robust}
     for c, name in enumerate(names if simulated else ()):
         found = list[tuple[float, str, float]]()
-        squares = 0.0
-        count = 0
         every = np.concatenate([r[:, c] for r in simulated.values()])
         seen = every[np.isfinite(every)]
         if len(seen) < _FEW:

@@ -32,6 +32,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 import scipy
@@ -101,20 +102,18 @@ def coloured_score(
         spread(total, own.inner(np.array([colours[c].variance if colours[c].white else 0.0]) - within))
     if all(colour.white for colour in colours.values()):
         return total
-    running: dict[int, tuple[int, _Blocks, _Filter]] = {}
-    for piece in pieces:
-        c = piece.channel
-        if colours[c].white:
-            continue
-        if c not in running or running[c][0] != piece.record:
-            if c in running:
-                running[c][2].spread(total)
-            blocks = _Blocks(sums[c].block, len(piece.columns))
-            running[c] = piece.record, blocks, _Filter(colours[c], piece.columns)
-        _, blocks, run = running[c]
-        run.add(blocks.add(piece.rows))
-    for _, _, run in running.values():
-        run.spread(total)
+    for _, of_record in groupby(pieces, key=lambda piece: piece.record):
+        running: dict[int, tuple[_Blocks, _Filter]] = {}
+        for piece in of_record:
+            c = piece.channel
+            if colours[c].white:
+                continue
+            if c not in running:
+                running[c] = _Blocks(sums[c].block, len(piece.columns)), _Filter(colours[c], piece.columns)
+            blocks, run = running[c]
+            run.add(blocks.add(piece.rows))
+        for _, run in running.values():
+            run.spread(total)
     return total
 
 
@@ -447,10 +446,8 @@ class _Filter:
         self._gram += run.T @ run
         self._recent = np.concatenate([self._recent, run])[-len(self._recent) :]
 
-    def score(self) -> np.ndarray:
-        newest_first = self._recent[::-1]
-        return self.colour.variance * (self._gram + newest_first.T @ self.colour.ringing @ newest_first)
-
     def spread(self, total: np.ndarray) -> None:
-        """Add the score to `total` (parameters, parameters)."""
-        total[np.ix_(self.columns, self.columns)] += self.score()
+        """Add it to `total` (parameters, parameters)."""
+        newest_first = self._recent[::-1]
+        score = self.colour.variance * (self._gram + newest_first.T @ self.colour.ringing @ newest_first)
+        total[np.ix_(self.columns, self.columns)] += score

@@ -201,23 +201,17 @@ def _no_number_at_start(problem: Problem) -> str:
     if not problem.simulated:
         return ""
     model = problem.model
-    values = problem.start_parameters
     both = ca.vertcat(model.f, model.h)
     names = [f"the derivative of '{s}'" for s in model.states] + [f"output '{o}'" for o in model.outputs]
-    function = ca.Function("at_start", [model.x, model.u, model.p, model.w], [both])
-    calm = np.zeros(len(model.disturbances))
-    for record, p in zip(problem.records, values, strict=True):
-        U = record.matrix(model.inputs)
-        X = model.guess(record)
-        found = function.map(len(record))(
-            X.T, U.T, np.tile(p[:, None], len(record)), np.tile(calm[:, None], len(record))
-        )
-        numbers = np.isfinite(found.full().T)
+    found = problem.at_guess(both)
+    for record, p, values in zip(problem.records, problem.start_parameters, found, strict=True):
+        numbers = np.isfinite(values)
         numbers[:, len(model.states) :] |= ~np.isfinite(problem.outputs_of(record))  # what is not read does not matter
         bad = np.argwhere(~numbers)
         if len(bad):
             k, i = bad[0]
-            at = {"x": X[k], "u": U[k], "p": p, "w": calm}
+            calm = np.zeros(len(model.disturbances))
+            at = {"x": model.guess(record)[k], "u": record.matrix(model.inputs)[k], "p": p, "w": calm}
             return (
                 f"at the start values {names[i]} is no number in record '{record.name}' at t = {record.t[k]:g} s: "
                 f"{origin(both[int(i)], model.vectors, at)}"

@@ -70,7 +70,8 @@ def solved_robustly(
     known = None if noise.sigma is None else {n: number(s, "noise") for n, s in noise.sigma.items()}
     fit = solved(replace(problem, noise=known))
     law = _law(noise)
-    scale = known or _first_scale(problem, fit)
+    first = _residuals(problem, fit)
+    scale = known or {n: max(_MEDIAN * float(np.median(np.abs(r))), _least(r)) for n, r in first.items()}
     iterations = fit.iterations
     seconds = fit.seconds
     for _ in range(_ROUNDS):
@@ -94,13 +95,15 @@ def _outputs(problem: Problem, fit: Fit) -> Mapping[str, int]:
     return {name: i for i, name in enumerate(problem.model.outputs) if name in fit.channels or name in fit.noise}
 
 
-def _first_scale(problem: Problem, fit: Fit) -> dict[str, float]:
-    found = {}
-    for name, i in _outputs(problem, fit).items():
-        r = np.concatenate([residuals[:, i] for residuals in fit.residuals.values()])
-        size = np.abs(r[np.isfinite(r)])
-        found[name] = max(_MEDIAN * float(np.median(size)), _LEAST * float(size.max()), 1e-300)
-    return found
+def _residuals(problem: Problem, fit: Fit) -> dict[str, np.ndarray]:
+    """Output -> its residuals in all records, of those that are measured."""
+    every = np.concatenate(list(fit.residuals.values()))
+    return {name: every[np.isfinite(every[:, i]), i] for name, i in _outputs(problem, fit).items()}
+
+
+def _least(r: np.ndarray) -> float:
+    """Return the smallest scale of residuals."""
+    return max(_LEAST * float(np.abs(r).max()), 1e-300)
 
 
 def _weights(law: _Law, fit: Fit, scale: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
@@ -114,13 +117,11 @@ def _weights(law: _Law, fit: Fit, scale: Mapping[str, float]) -> dict[str, dict[
 
 def _scale_of(problem: Problem, fit: Fit, law: _Law, scale: Mapping[str, float]) -> dict[str, float]:
     """The next scale for the present residuals."""
-    found = {}
-    for name, i in _outputs(problem, fit).items():
-        r = np.concatenate([residuals[:, i] for residuals in fit.residuals.values()])
-        own = r[np.isfinite(r)]
-        next_one = scale[name] * math.sqrt(float(law.growth(own / scale[name]).mean()))
-        found[name] = max(next_one, _LEAST * float(np.abs(own).max()), 1e-300)
-    return {**scale, **found}
+    found = dict(scale)
+    for name, r in _residuals(problem, fit).items():
+        next_one = scale[name] * math.sqrt(float(law.growth(r / scale[name]).mean()))
+        found[name] = max(next_one, _least(r))
+    return found
 
 
 def _weighted(
@@ -146,9 +147,8 @@ def _settled(before: Fit, after: Fit, former: Mapping[str, float], scale: Mappin
 def _returned(problem: Problem, fit: Fit, law: _Law, scale: Mapping[str, float], spent: tuple[int, float]) -> Fit:
     u = []
     likelihood = 0.0
-    for name, i in _outputs(problem, fit).items():
-        r = np.concatenate([residuals[:, i] for residuals in fit.residuals.values()])
-        own = r[np.isfinite(r)] / scale[name]
+    for name, r in _residuals(problem, fit).items():
+        own = r / scale[name]
         u.append(own)
         likelihood += float(law.log_density(own).sum()) - len(own) * math.log(scale[name])
     every = np.concatenate(u)

@@ -15,7 +15,7 @@ from casid.errors import InputError
 from casid.estimation.cost import OwnLikelihood
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
-from casid.estimation.integration import MET
+from casid.estimation.integration import MET, misfit_of
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.effort import Effort
 from casid.estimation.solvers.gauss_newton import FilterSearch
@@ -54,7 +54,7 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
     centre = float(problem.nominal[i])
     std = float(problem.model.prior_std.get(bare, math.inf))
     if math.isfinite(low) and math.isfinite(high):
-        if bare in problem.logarithmic and low > 0.0:
+        if problem.by_logarithm[i] and low > 0.0:
             return lambda u: float(low * (high / low) ** u)
         return lambda u: low + (high - low) * u
     if math.isfinite(std):
@@ -135,8 +135,7 @@ def confirmed(problem: Problem, first: Fit, solved: Callable[[Problem], Fit], cl
     end = min(_lower(told, clock), key=lambda end: told.objective.misfit(end.value), default=None)
     if end is None:
         return first
-    there = dict(zip(problem.parameters, end.point.theta.tolist(), strict=True))
-    second = solved(replace(problem, start=natural(problem, there)))
+    second = solved(replace(problem, start=natural(problem, problem.named(end.point.theta))))
     found = _best(problem, [first, second] if second.converged else [first], [])
     return found if found.starts is not None and len(found.starts.minima) > 1 else first
 
@@ -193,11 +192,9 @@ def _best(problem: Problem, fits: Sequence[Fit], lost: Sequence[Fit]) -> Fit:
 
 
 def _badness(fit: Fit) -> float:
-    """-ln(likelihood x prior), up to a constant of the problem; infinite where the fit is no motion."""
+    """Return `misfit_of` where the solver ended."""
     solved = fit.uncertainty.solved
-    value = solved.value
-    misfit = solved.objective.misfit(value) if value.worst() < MET else math.inf
-    return misfit if np.isfinite(misfit) else math.inf
+    return misfit_of(solved.objective, solved.value)
 
 
 def _minima(fits: Sequence[Fit], best: float) -> tuple[Minimum, ...]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,37 +56,25 @@ _NEAR = 0.1  # standard deviations between two ends of one minimum
 _LITTLE = 0.1  # of the seconds of a solver
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Ending:
-    """Attempt that is taken, and what a person should know of how it was found, "" if nothing; `coarse`: half the
-    steps of integration would change it."""
-
-    attempt: Attempt
-    remark: str = ""
-    coarse: bool = False
-
-
-def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
+def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Attempt:
     """The solution of a problem, see above, with its integration checked, in the time of a `clock`. Raises as the
     solver does."""
     end = _ending(problem, method, solver, clock)
-    attempt = end.attempt
-    status = end.attempt.outcome.status
+    status = end.outcome.status
     if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
-        attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
-        end = replace(end, attempt=attempt)
-    doubt = "" if attempt.fine or (_is_over(clock) and not attempt.outcome.converged) else doubt_of_steps(attempt)
-    said = "" if attempt.outcome.status.stage is Stage.COARSE else doubt  # by the status already
+        end = _with_status(end, out_of_time(float(getattr(solver, "seconds", math.inf))))
+    doubt = "" if end.fine or (_is_over(clock) and not end.outcome.converged) else doubt_of_steps(end)
+    said = "" if end.outcome.status.stage is Stage.COARSE else doubt  # by the status already
     return replace(end, remark="; ".join(filter(None, (end.remark, said))), coarse=bool(doubt))
 
 
-def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
+def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Attempt:
     if isinstance(problem.cost, OwnLikelihood):
-        return Ending(attempt=likely(problem, method, clock))
+        return likely(problem, method, clock)
     asked = as_stepping(method)
     usual = usual_of(solver)
     if asked is None or not problem.simulated or asked.process_noise:
-        return Ending(attempt=attempted(problem, method, clock))
+        return attempted(problem, method, clock)
     # what judges and looks elsewhere is Gauss-Newton that gives up where it creeps
     quick = clock.with_solver(usual or GaussNewton(patient=False))
     automatic = usual is not None
@@ -95,11 +83,11 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
         most = usual.iterations * (_DAMPED + _NEWTON * len(problem.parameters))
     first = attempted(problem, method, quick.allowed(most) if automatic else clock)
     if first.found and not first.doubtful and not _held(first):
-        return Ending(attempt=first)
+        return first
     if first.outcome.converged and idle_parameters(problem):  # no other start changes that
-        return Ending(attempt=first)
+        return first
     if _is_over(clock) and not first.found:  # nothing that judges it has time either
-        return _no_worse_than_start(problem, method, Ending(attempt=first), clock)
+        return _no_worse_than_start(problem, method, first, clock)
     best, agreed = _searched(problem, asked, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
         # where the motion of the start has no end, it is collocation that goes on
@@ -109,11 +97,12 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
     if best.found and best is not first and not agreed and best.doubtful:  # judged by its own point, not by the way
         best, agreed = _searched(problem, asked, best, quick)
     if not automatic and best is not first:
-        return Ending(attempt=_with_status(first, _another(_found_elsewhere(best, first))))
+        return _with_status(first, _another(_found_elsewhere(best, first)))
     if best.found and not agreed and best.is_slow and best.stretches.contradict:
         best = _with_status(best, _another(_CONTRADICTED))
-    remark = "" if best is first or not best.found else f"found on a second way: {_found_elsewhere(best, first)}"
-    return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark), clock)
+    if best is not first and best.found:
+        best = replace(best, remark=f"found on a second way: {_found_elsewhere(best, first)}")
+    return _no_worse_than_start(problem, method, best, clock)
 
 
 def _is_over(clock: Timed) -> bool:
@@ -172,9 +161,8 @@ def _others(problem: Problem, method: Stepping, first: Attempt, quick: Timed) ->
     ended = None if first.found else first.outcome.point.theta
     for theta in (stretched, ended, problem.start_vector):
         if theta is not None and np.isfinite(theta).all() and quick.left > 0.0:
-            start = dict(zip(problem.parameters, theta.tolist(), strict=True))
-            own = quick.allowed(_TRIED)
-            yield attempted(replace(problem, start=start), fine, own), theta is stretched or stretched is None
+            again = replace(problem, start=problem.named(theta))
+            yield attempted(again, fine, quick.allowed(_TRIED)), theta is stretched or stretched is None
     between_samples = problem.feedback is None and problem.model.period is None
     if fine is not method and between_samples and quick.left > 0.0:
         yield attempted(problem, Collocation(), quick.allowed(_TRIED)), True
@@ -249,26 +237,27 @@ def _alike(begin: Attempt, end: Attempt, clock: Timed) -> tuple[Attempt, Attempt
     return start, reached
 
 
-def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending, clock: Timed) -> Ending:
+def _no_worse_than_start(problem: Problem, method: Transcription, end: Attempt, clock: Timed) -> Attempt:
     """The start where its simulation is more likely than what was found."""
-    if is_implicit(end.attempt.method):
-        method = end.attempt.method  # the same integration of both
+    if is_implicit(end.method):
+        method = end.method  # the same integration of both
     objective = build_objective(problem, method)
     point = objective.start()
     nothing = Outcome(
         point=point,
         value=objective.value(point),
-        status=end.attempt.outcome.status,
-        iterations=end.attempt.outcome.iterations,
+        status=end.outcome.status,
+        iterations=end.outcome.iterations,
         stationarity=np.nan,
         limit_multipliers=np.zeros(len(objective.limits)),
     )
-    start, reached = _alike(Attempt(objective=objective, outcome=nothing, method=method), end.attempt, clock)
+    start, reached = _alike(Attempt(objective=objective, outcome=nothing, method=method), end, clock)
     if not start.misfit < reached.misfit - _EQUAL:
         return end
-    if not np.isfinite(end.attempt.misfit) and ran_away(problem, start.outcome.value, _NOWHERE):
+    if not np.isfinite(end.misfit) and ran_away(problem, start.outcome.value, _NOWHERE):
         return end  # neither is a motion along the records, so that their likelihoods compare nothing
-    status = end.attempt.outcome.status
+    status = end.outcome.status
     if status.converged:
         status = _another("the start is more likely than the minimum that was found")
-    return Ending(attempt=_with_status(start, status), remark="no solver improved on the start, which is returned")
+    remark = "no solver improved on the start, which is returned"
+    return replace(_with_status(start, status), remark=remark)

@@ -23,10 +23,13 @@ def without_switching(problem: Problem) -> Iterator[tuple[Problem, str]]:
     """List the problem with signs of its states made continuous, each time over a smaller part of their size, as far as
     its motion is a differential equation, with remarks; itself where there are none."""
     model = problem.model
-    arguments = None
+    arguments = None  # of all signs of the dynamics
     if problem.simulated and problem.feedback is None and model.period is None:
         arguments = cached(model, ("arguments of signs",), lambda: _arguments(model))
-    sizes = np.zeros(1) if arguments is None else _sizes(problem, arguments)
+    sizes = np.zeros(1)
+    if arguments is not None:
+        found = np.abs(np.concatenate(problem.at_guess(arguments)))
+        sizes = found.max(axis=0, where=np.isfinite(found), initial=0.0)
     if arguments is None or not (np.isfinite(sizes).all() and (sizes > 0.0).all()):
         yield problem, ""
         return
@@ -35,10 +38,10 @@ def without_switching(problem: Problem) -> Iterator[tuple[Problem, str]]:
         yield _smooth(problem, arguments, share * rounded)
 
 
-def _smooth(problem: Problem, arguments: ca.Function, widths: np.ndarray) -> tuple[Problem, str]:
+def _smooth(problem: Problem, arguments: ca.SX, widths: np.ndarray) -> tuple[Problem, str]:
     model = problem.model
     smooth = cached(model, ("smooth", *widths), lambda: replace(model, f=_rebuilt(model, widths)))
-    names = [str(z) for z in ca.vertsplit(arguments(model.x, model.u, model.p, model.w))]
+    names = [str(z) for z in ca.vertsplit(arguments)]
     said = ", ".join(f"sign({z}) as tanh({z} / {width:.2g})" for z, width in zip(names, widths, strict=True))
     model = share_cache(replace(smooth, guess=model.guess), smooth)
     return replace(problem, model=model), f"integrated with {said}"
@@ -48,9 +51,9 @@ def _function(model: Model) -> ca.Function:
     return ca.Function("f", [model.x, model.u, model.p, model.w], [ca.densify(model.f)])
 
 
-def _arguments(model: Model) -> ca.Function | None:
-    """(x, u, p, w) -> arguments of all signs of the dynamics; None where no sign depends on a state, or where an
-    expression cannot be taken apart."""
+def _arguments(model: Model) -> ca.SX | None:
+    """Arguments of all signs of the dynamics, a column; None where no sign depends on a state, or where an expression
+    cannot be taken apart."""
     function = _function(model)
     kinds = {function.instruction_id(k) for k in range(function.n_instructions())}
     if ca.OP_SIGN not in kinds or ca.OP_CALL in kinds:
@@ -58,9 +61,7 @@ def _arguments(model: Model) -> ca.Function | None:
     found: list[ca.SX] = []
     _walked(function, model, lambda z: found.append(z) or z)
     column = ca.vertcat(*found)
-    if not all(ca.which_depends(column, model.x, 1, True)):
-        return None
-    return ca.Function("z", [model.x, model.u, model.p, model.w], [column])
+    return column if all(ca.which_depends(column, model.x, 1, True)) else None
 
 
 def _rebuilt(model: Model, widths: np.ndarray) -> ca.SX:
@@ -88,14 +89,3 @@ def _walked(function: ca.Function, model: Model, sign: Callable[[ca.SX], ca.SX])
         else:
             w[to[0]] = ca.SX.unary(kind, w[of[0]]) if len(of) == 1 else ca.SX.binary(kind, w[of[0]], w[of[1]])
     return f
-
-
-def _sizes(problem: Problem, arguments: ca.Function) -> np.ndarray:
-    """(signs,) largest magnitude of each argument along the guessed states."""
-    size = np.zeros(arguments.size1_out(0))
-    calm = np.zeros(len(problem.model.disturbances))
-    for record, p in zip(problem.records, problem.start_parameters, strict=True):
-        of = problem.model.guess(record).T, record.matrix(problem.model.inputs).T, p, calm
-        found = np.abs(arguments.map(len(record), [False, False, True, True], [False])(*of).full())
-        size = np.maximum(size, found.max(axis=1, where=np.isfinite(found), initial=0.0))
-    return size

@@ -43,6 +43,8 @@ from casid.frames import brief
 from casid.native.threads import single_threaded
 
 _CHANCE = 1e-3  # that white residuals are called coloured
+# what a saved fit has
+_KEPT = "covariance corrected confused is_coloured coloured_channels sides initial_std quantile pressed"
 _Z95 = float(ndtri(0.975))
 
 
@@ -79,18 +81,7 @@ class Uncertainty:
 
     def __getstate__(self) -> dict[str, Any]:
         """Keep the numbers: how they came about is not pickled."""
-        names = (
-            "covariance",
-            "corrected",
-            "confused",
-            "is_coloured",
-            "coloured_channels",
-            "sides",
-            "initial_std",
-            "quantile",
-            "pressed",
-        )
-        known = {name: getattr(self, name) for name in names}
+        known = {name: getattr(self, name) for name in _KEPT.split()}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
     @property
@@ -152,9 +143,8 @@ class Uncertainty:
     @cached_property
     def _freedom(self) -> np.ndarray:
         """(unknowns,) degrees of freedom of the variances for white noise, infinite where that is given."""
-        assert self._inverse is not None
         levels = self.value.noise.levels
-        inverse = self._inverse
+        inverse = self._sure
         unknowns = len(self._information)
         if levels.fixed or not np.isfinite(self._more):
             return np.full(unknowns, np.inf)
@@ -179,21 +169,19 @@ class Uncertainty:
     @cached_property
     def _more(self) -> float:
         """Share by which the variance of estimated noise is larger than at the maximum of likelihood."""
-        assert self._inverse is not None
         levels = self.value.noise.levels
         if levels.fixed:
             return 0.0
         data = self._data_information
         further = len(self._information) - self._count
         # initial states count in full; what path limits take from them is taken off again
-        told = float(np.trace(self._inverse @ data)) if self._is_plain else self._free.shape[1]
+        told = float(np.trace(self._sure @ data)) if self._is_plain else self._free.shape[1]
         return freedom(self.objective, levels, told - further + self._initial_told) - 1.0
 
     @cached_property
     def _initial_told(self) -> float:
         """Initial states that the data determine."""
-        assert self._inverse is not None
-        return 0.0 if self._initial is None else self._initial.told(self._inverse[: self._count, : self._count])
+        return 0.0 if self._initial is None else self._initial.told(self._sure[: self._count, : self._count])
 
     @cached_property
     def _initial(self) -> InitialErrors | None:
@@ -240,10 +228,9 @@ class Uncertainty:
     def _freedom_of_colour(self) -> np.ndarray:
         """(unknowns,) degrees of freedom of the coloured variances, whose autoregressions are estimated: twice the
         square over the variance of a variance (Satterthwaite, Biometrics Bull. 2, 1946)."""
-        assert self._inverse is not None
         scores = self._scores
         variance = np.diagonal(self._coloured[0])
-        scatter = variance_scatter(scores.colours, scores.sums, self._pieces(), self._inverse)
+        scatter = variance_scatter(scores.colours, scores.sums, self._pieces(), self._sure)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(scatter > 0.0, np.maximum(2.0 * variance**2 / scatter, 1.0), np.inf)
 
@@ -269,9 +256,8 @@ class Uncertainty:
     def _cramer_rao(self) -> tuple[np.ndarray, np.ndarray]:
         """Covariance of all unknowns within the limits that hold, and the covariance of the gradient that it comes
         from."""
-        assert self._inverse is not None
         levels = self.value.noise.levels
-        inverse = self._inverse
+        inverse = self._sure
         information = self._information
         score = information if self._is_plain else self._scores.white
         covariance = inverse if self._is_plain else inverse @ score @ inverse
@@ -286,7 +272,7 @@ class Uncertainty:
     def _coloured(self) -> tuple[np.ndarray, np.ndarray]:
         """Return `_cramer_rao` with the colour of the residuals."""
         score = self._scores.coloured
-        return self._inverse @ score @ self._inverse, score  # pyright: ignore[reportOptionalOperand]
+        return self._sure @ score @ self._sure, score
 
     def _of_parameters(self, covariance: np.ndarray, score: np.ndarray) -> np.ndarray:
         """The parameters' part, with what leaving the limits adds."""
@@ -296,16 +282,14 @@ class Uncertainty:
 
     @cached_property
     def _held(self) -> HeldDirections | None:
-        assert self._inverse is not None
-        return held_directions(*self._limits, self._information, self._inverse)
+        return held_directions(*self._limits, self._information, self._sure)
 
     @cached_property
     def _limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows (limits, unknowns), multipliers and which are equations, of the limits of parameters and of the path."""
-        assert self.linear is not None
         limits = self.objective.limits
         paths = self._paths
-        rows = limits.at(self.linear.point.theta)[1]
+        rows = limits.at(self._there.point.theta)[1]
         equal = limits.lower == limits.upper
         if paths is None:
             return rows, self.limit_multipliers, equal
@@ -315,8 +299,7 @@ class Uncertainty:
 
     @cached_property
     def _paths(self) -> HeldPaths | None:
-        assert self.linear is not None
-        return self.objective.held_paths(self.linear)
+        return self.objective.held_paths(self._there)
 
     @cached_property
     def pressed(self) -> tuple[np.ndarray, ...] | None:
@@ -326,9 +309,8 @@ class Uncertainty:
     @cached_property
     def _information(self) -> np.ndarray:
         """(unknowns, unknowns) of the parameters and of what else path limits hold."""
-        assert self.linear is not None
         further = 0 if self._paths is None else self._paths.rows.shape[1] - self._count
-        return diagonal(self.linear.hessian, np.eye(further))
+        return diagonal(self._there.hessian, np.eye(further))
 
     @property
     def confused(self) -> tuple[str, ...]:
@@ -368,6 +350,18 @@ class Uncertainty:
             return None
 
     @property
+    def _sure(self) -> np.ndarray:
+        """The inverse where there is one."""
+        assert self._inverse is not None
+        return self._inverse
+
+    @property
+    def _there(self) -> Linearised:
+        """The linearisation where there is one."""
+        assert self.linear is not None
+        return self.linear
+
+    @property
     def _unknown(self) -> np.ndarray:
         count = len(self.objective.problem.parameters)
         return np.full((count, count), np.nan)
@@ -379,8 +373,7 @@ class Uncertainty:
         return _score_covariances(levels, squares, self._pieces, self._information, self._free)
 
     def _pieces(self) -> Iterator[WhitePiece]:
-        assert self.linear is not None
-        return score_pieces(self.objective, self.value, self.linear, self._paths)
+        return score_pieces(self.objective, self.value, self._there, self._paths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,21 +493,13 @@ def score_pieces(
 ) -> Iterator[WhitePiece]:
     """Sensitivities and residuals of all records and channels, outputs before equations; with `paths` the sensitivities
     also to the unknowns of theirs."""
-    for record in range(len(objective.problem.records)):
-        yield from _pieces(objective, value, linear, paths, record)
-
-
-def _pieces(
-    objective: AnyObjective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
-) -> Iterator[WhitePiece]:
-    """Every channel of a record, of the output and of the equation part."""
-    columns = objective.problem.columns(r)
-    columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
-    for first, rows, residuals, present in objective.parts(value, linear, paths, r):
-        wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
-        for c in range(residuals.shape[1]):
-            seen = present[:, c]
-            if seen.any():
+    for r in range(len(objective.problem.records)):
+        columns = objective.problem.columns(r)
+        columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
+        for first, rows, residuals, present in objective.parts(value, linear, paths, r):
+            wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
+            for c in np.flatnonzero(present.any(axis=0)).tolist():
+                seen = present[:, c]
                 yield WhitePiece(
                     channel=first + c, record=r, columns=columns, rows=wide[seen, c], residuals=residuals[seen, c]
                 )

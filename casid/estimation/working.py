@@ -17,7 +17,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.errors import EstimationError
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fits
@@ -44,32 +43,23 @@ class Working:
         """The fit of `problem` as one of `posed`."""
         if self.problem is self.posed:
             return fit
-        values = natural(self.posed, fit.values)
-        by_log = _logarithmic(self.posed)
-        factor = np.array([values[n] if n in by_log else 1.0 for n in self.posed.parameters])
+        by_log = self.posed.by_logarithm
+        values = np.array(list(natural(self.posed, fit.values).values()))
         limits = ParameterLimits(self.posed)
-        kept = limits.kept(np.array(list(values.values())), fit.multipliers)
-        values = dict(zip(values, kept.tolist(), strict=True))
+        theta = limits.kept(values, fit.multipliers)
+        # bounds of parameters are bounds of their logarithms
+        by_limit = [theta[i] if i is not None and by_log[i] else 1.0 for i in limits.single]
         found = replace(
             fit,
             problem=self.posed,
-            values=values,
-            uncertainty=Rescaled(fit.uncertainty, factor),
-            multipliers=fit.multipliers / self._size_of_limits(limits, values),
-            states=self._states(fit, values),
+            values=self.posed.named(theta),
+            uncertainty=Rescaled(fit.uncertainty, np.where(by_log, values, 1.0)),
+            multipliers=fit.multipliers / np.array(by_limit),
+            states=self._states(fit, theta),
         )
         return self._with_noise(found) if self.posed.sigma_channels else found
 
-    def _size_of_limits(self, limits: ParameterLimits, values: Mapping[str, float]) -> np.ndarray:
-        """(rows,) change of what a limit holds as it was posed per change of what it holds here: bounds of parameters
-        are bounds of their logarithms."""
-        by_log = _logarithmic(self.posed)
-        names = self.posed.parameters
-        by_limit = [values[names[i]] if i is not None and names[i] in by_log else 1.0 for i in limits.single]
-        return np.array(by_limit)
-
-    def _states(self, fit: Fit, values: Mapping[str, float]) -> dict[str, StateHistory]:
-        theta = np.array([values[name] for name in self.posed.parameters])
+    def _states(self, fit: Fit, theta: np.ndarray) -> dict[str, StateHistory]:
         offsets = initial_offsets(self.posed, theta)
         pairs = zip(fit.states.items(), offsets, strict=False)
         return {
@@ -80,8 +70,6 @@ class Working:
     def _with_noise(self, fit: Fit) -> Fit:
         """Return the fit in units of the channels, from one in units of the noise of each sample."""
         outputs = self.posed.model.outputs
-        if not set(self.posed.sigma_channels) <= set(outputs):
-            raise EstimationError("solve: noise per sample is given for a channel that is not an output")
         sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
         measured = {r.name: self.posed.outputs_of(r) for r in self.posed.records}
         predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}
@@ -130,11 +118,8 @@ def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:
     )
     offsets = initial_offsets(problem, problem.start_vector)
     table = {r.name: model.guess(r) - offsets[i] for i, r in enumerate(problem.records)}
-    by_log = _logarithmic(problem)
-    start = {
-        name: float(np.log(value)) if name in by_log else float(value)
-        for name, value in zip(problem.parameters, problem.start_vector, strict=True)
-    }
+    by_log = problem.by_logarithm
+    start = problem.named(np.where(by_log, np.log(np.where(by_log, problem.start_vector, 1.0)), problem.start_vector))
     noise = problem.noise
     if isinstance(noise, Mapping):
         renamed = dict(zip(model.outputs, base.outputs, strict=True))
@@ -153,8 +138,8 @@ def _in_other_coordinates(problem: Problem, with_initial: bool) -> Problem:
 
 def natural(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
     """Estimates of the parameters themselves, from those of the solvers' coordinates."""
-    by_log = _logarithmic(problem)
-    return {name: float(np.exp(value)) if name in by_log else value for name, value in values.items()}
+    pairs = zip(values.items(), problem.by_logarithm, strict=True)
+    return {name: float(np.exp(value)) if by_log else value for (name, value), by_log in pairs}
 
 
 def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
@@ -166,12 +151,6 @@ def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
         for i, p in enumerate(problem.model_parameters(theta)):
             found[i] = values(p).full()[:, 0]
     return found
-
-
-def _logarithmic(problem: Problem) -> frozenset[str]:
-    return frozenset(
-        name for name, bare in zip(problem.parameters, problem.bare, strict=True) if bare in problem.logarithmic
-    )
 
 
 def _offset(model: Model, p: ca.SX) -> ca.SX:
@@ -221,8 +200,7 @@ def _scaled(problem: Problem, record: Record) -> Record:
         return record
     added = {}
     for name, channel in problem.sigma_channels.items():
-        sigma = record[channel]
-        added[channel] = np.where(sigma > 0.0, sigma, 1.0)
+        added[channel] = np.where(record[channel] > 0.0, record[channel], 1.0)
         if name in record:
             added[f"{name} in units of {channel}"] = record[name] / added[channel]
     return record.with_channels(**added)

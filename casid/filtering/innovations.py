@@ -20,10 +20,9 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
-from casid.estimation.transcriptions.steps import rk4
 from casid.filtering.kernel import filter_kernel
 from casid.model.splines import cubic_inputs
-from casid.model.system import Model
+from casid.model.system import Model, runge_kutta
 from casid.native.compiler import BUILDING, Compilable
 from casid.records.record import Record
 
@@ -145,7 +144,9 @@ class PointFunctions:
         dt = ca.SX.sym("dt")
         w1 = ca.SX.sym("w1", w.shape[0])
         f = ca.Function("f", [x, ca.vertcat(u, w), p], [model.f])
-        after = rk4(f, x, ca.vertcat(u, w), ca.vertcat(u1, w1), dt, p)
+        first = ca.vertcat(u, w)
+        last = ca.vertcat(u1, w1)
+        after = runge_kutta(f, x, (first, (first + last) / 2, last), dt, p)
         self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e.T) for e in values])))
         self._step = Compilable(ca.Function("step", [x, u, u1, p, w, w1, dt], [after]))
         self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))

@@ -19,7 +19,7 @@ from casid.estimation.attempt import attempted
 from casid.estimation.integration import Attempt
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.timed import timed
-from casid.estimation.strategy import Ending, _no_worse_than_start
+from casid.estimation.strategy import _no_worse_than_start
 
 Motion = Callable[[float, np.ndarray], list[float]]
 
@@ -223,10 +223,10 @@ def test_a_start_and_an_end_are_compared_by_steps_that_are_short_enough(start: f
     coarse = Objective(problem, cs.SingleShooting(substeps=1).dynamics(problem))
     found = cs.GaussNewton().minimise(coarse)
     assert found.converged and found.point.theta[0] > 6.05
-    end = Ending(attempt=Attempt(objective=coarse, outcome=found, method=cs.SingleShooting()))
+    end = Attempt(objective=coarse, outcome=found, method=cs.SingleShooting())
     clock = timed(cs.GaussNewton(), time.perf_counter())
     taken = _no_worse_than_start(problem, cs.SingleShooting(), end, clock)
-    assert taken.attempt.values["w"] == (start if start == 6.0 else found.point.theta[0])
+    assert taken.values["w"] == (start if start == 6.0 else found.point.theta[0])
 
 
 def test_a_constrained_fit_is_as_good_as_the_free_one_allows():

@@ -10,8 +10,9 @@ import pytest
 
 from casid.errors import EstimationError, InputError
 from casid.estimation import Collocation, GaussNewton, Ipopt, MultipleShooting, OutputError, SingleShooting, solve
-from casid.estimation.transcriptions.steps import dynamics_function, rk4, sample_derivatives, step_function
+from casid.estimation.transcriptions.steps import dynamics_function, sample_derivatives, step_function
 from casid.model.feedback import SampledFeedback
+from casid.model.system import runge_kutta
 from problems.do328 import MOMENT_DERIVATIVES
 from problems.paper import truth as paper_truth
 from problems.paper.cases import Condition, conditions
@@ -62,7 +63,7 @@ def test_exact_also_when_truth_is_integrated_ten_times_finer(case: str, monkeypa
     held = ca.substitute([received], [model.x, model.u], [x, u0])[0]
     state, f = x, dynamics_function(model)
     for _ in range(10):
-        state = rk4(f, state, held, held, dt / 10, p)
+        state = runge_kutta(f, state, (held, held, held), dt / 10, p)
     fine = replace(flown, step=ca.Function("step", [x, u0, u1, dt, p], [state]))
     monkeypatch.setattr(paper_truth, "truth", lambda *_: fine)
     flight = fly(Condition(case=case, manoeuvre=1))

@@ -54,9 +54,7 @@ class DampedSearch:
 
     def _step(self, at: Iteration, linear: Linearised, damping: float) -> SolverStep | None:
         try:
-            return at.objective.step_by(
-                at.point, linear, linear.hessian + damping * np.diag(own_curvature(self.largest))
-            )
+            return at.objective.step_by(linear, linear.hessian + damping * np.diag(own_curvature(self.largest)))
         except np.linalg.LinAlgError:
             return None
 

@@ -10,23 +10,10 @@ from casid.arguments import require
 from casid.estimation.solvers.following import FollowingSearch
 from casid.estimation.solvers.iteration import NEAR, Iteration
 from casid.estimation.solvers.own import AnyObjective, OwnObjective
-from casid.estimation.solvers.point import (
-    Linearised,
-    ObjectiveValue,
-    Point,
-    SolverStep,
-    moved,
-    step_length,
-)
+from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved, step_length
 from casid.estimation.solvers.search import longest, tenfold
 from casid.estimation.solvers.solver import Outcome, check_limits
-from casid.estimation.solvers.status import (
-    CONVERGED,
-    INFEASIBLE,
-    NO_DESCENT,
-    Status,
-    status_of,
-)
+from casid.estimation.solvers.status import CONVERGED, INFEASIBLE, NO_DESCENT, Status, status_of
 from casid.estimation.solvers.timed import Clock
 
 

@@ -103,16 +103,11 @@ def lost(objective: AnyObjective, linear: Linearised, limit_multipliers: np.ndar
     return determined(objective, linear, limit_multipliers).lost
 
 
-def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
-    """Return the lost parameters by an information matrix at theta, for parameters that can move in the directions
-    `free`."""
-    return determined_along(problem, information, free, theta)[0]
-
-
 def determined_along(
     problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
+    """Return the lost parameters by an information matrix at theta, for parameters that can move in the directions
+    `free`, and the directions (parameters, k) of these that the data do determine."""
     names = problem.parameters
     start = np.abs(problem.start_vector)
     # a parameter that begins at zero and stays there has no size of its own

@@ -84,11 +84,8 @@ class BandedKKT:
 
         Raises numpy.linalg.LinAlgError when the system is singular.
         """
-        if kernel is None:
-            a = transition[:-1, :, : self.n]
-            b = transition[:-1, :, self.n :]
-            return self._by_lapack(hessian, gradient, a, b, defect, covariance, scale)
-        states, multipliers, information = kernel.reduce(hessian, gradient, transition, defect, covariance, scale)
+        reduce = self._by_lapack if kernel is None else kernel.reduce
+        states, multipliers, information = reduce(hessian, gradient, transition, defect, covariance, scale)
         if not np.isfinite(information).all():  # every unknown is in it
             raise np.linalg.LinAlgError("singular states and multipliers")
         reduced = information[:, 1:]
@@ -105,14 +102,16 @@ class BandedKKT:
         self,
         hessian: np.ndarray,
         gradient: np.ndarray,
-        a: np.ndarray,
-        b: np.ndarray,
+        transition: np.ndarray,
         defect: np.ndarray,
         covariance: np.ndarray | None,
         scale: np.ndarray,
-    ) -> Reduced:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `Reduction` gives."""
         n = self.n
         m = self.segments
+        a = transition[:-1, :, :n]
+        b = transition[:-1, :, n:]
         f = hessian.shape[1] - n
         diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
         so = 1.0 / max(float(diagonal.max(axis=1).mean()), 1e-300)
@@ -136,20 +135,13 @@ class BandedKKT:
         _, _, solution, info = _gbsv(self.band, self.band, matrix, right, overwrite_ab=1)
         if info != 0 or not np.isfinite(solution).all():
             raise np.linalg.LinAlgError("singular states and multipliers")
-        border = right[:, 1:]
-        reduced = hessian[:, n:, n:].sum(axis=0) - border.T @ solution[:, 1:] / so
-        slope = gradient[:, n:].sum(axis=0) + border.T @ solution[:, 0] / so
+        eliminated = right[:, 1:].T @ solution / so
+        slope = gradient[:, n:].sum(axis=0) + eliminated[:, 0]
+        reduced = hessian[:, n:, n:].sum(axis=0) - eliminated[:, 1:]
         solution = solution.reshape(2 * m - 1, n, f + 1)
         states = solution[0::2] * scale[:, None]
         multipliers = solution[1::2] / (so * scale[:, None])
-        return Reduced(
-            ds0=states[..., 0],
-            ds_p=states[..., 1:],
-            l0=multipliers[..., 0],
-            l_p=multipliers[..., 1:],
-            hessian=0.5 * (reduced + reduced.T),
-            gradient=slope,
-        )
+        return states, multipliers, np.column_stack([-slope, reduced])
 
 
 def without_starts(hessian: np.ndarray, gradient: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,8 +24,6 @@ class ParameterLimits:
 
     def __init__(self, problem: Problem) -> None:
         count = len(problem.parameters)
-        self.linear = np.zeros((0, count))
-        self.single: list[int | None] = []
         lower = []
         upper = []
         rows = []
@@ -44,10 +42,9 @@ class ParameterLimits:
             curved += parts
             lower += [constraint.lower] * len(own)
             upper += [constraint.upper] * len(own)
-            for row in own:
-                which = np.flatnonzero(row)
-                self.single.append(int(which[0]) if len(which) == 1 else None)
         self.linear = np.reshape(rows, (len(rows), count))
+        alone = [np.flatnonzero(row).tolist() for row in self.linear]
+        self.single: list[int | None] = [which[0] if len(which) == 1 else None for which in alone]
         self.lower, self.upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
         self._curved: tuple[ca.Function, ca.Function, ca.Function] | None = None
         if any(isinstance(c, NonlinearConstraint) for c in problem.constraints):
@@ -96,6 +93,11 @@ class ParameterLimits:
             values = values + value.full()[:, 0]
             rows = rows + slope.full()
         return values, rows
+
+    def about(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rows, lower, upper) of the linearised limits on a change of the parameters from theta."""
+        at, rows = self.at(theta)
+        return rows, self.lower - at, self.upper - at
 
     def free_directions(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(parameters, directions) that the limits leave free at theta: those with a multiplier and equalities hold."""

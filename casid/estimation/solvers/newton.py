@@ -252,10 +252,9 @@ class _Newton:
         objective = self.objective
         values, vectors = np.linalg.eigh(exact)
         curvature = (vectors * (np.maximum(np.abs(values), _FLAT) + damping)) @ vectors.T
-        reached, rows = objective.limits.at(at.point.theta)
-        limits = objective.limits.lower - reached, objective.limits.upper - reached
+        rows, *limits = objective.limits.about(at.point.theta)
         z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, rows @ root, *limits)
-        return objective.step_along(at.point, at.linear, root @ z, multipliers)
+        return objective.step_along(at.linear, root @ z, multipliers)
 
     def _only_flat_left(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> bool:
         """Return True if a step is negligible but for directions without curvature, in which as many steps as are
@@ -265,7 +264,7 @@ class _Newton:
         along = root @ flat @ (flat.T @ np.linalg.solve(root, step.theta))
         if not flat.size or self._counts(at, abs(float(at.linear.gradient @ step.theta))) > 1.0:
             return False
-        rest = self.objective.step_along(at.point, at.linear, step.theta - along, step.limit_multipliers)
+        rest = self.objective.step_along(at.linear, step.theta - along, step.limit_multipliers)
         return negligible(rest, at.value, self.solver.tolerance)
 
     def _counts(self, at: _Settled, gain: float) -> float:
@@ -309,7 +308,7 @@ class _Newton:
 
     def _gradient(self, at: _Settled, theta: np.ndarray) -> np.ndarray | None:
         nothing = np.zeros(len(self.objective.limits))
-        step = self.objective.step_along(at.point, at.linear, theta, nothing)
+        step = self.objective.step_along(at.linear, theta, nothing)
         found = self._settled(moved(at.point, step, 1.0), at.value.noise)
         return None if found is None else found.linear.gradient
 
@@ -329,7 +328,7 @@ class _Newton:
             except np.linalg.LinAlgError:
                 return None
             value = objective.reweighed(point, value, linear.noise)
-            step = objective.step_along(point, linear, fixed, nothing)
+            step = objective.step_along(linear, fixed, nothing)
             apart = max(np.abs(value.defects).max(initial=0.0), np.abs(value.gap).max(initial=0.0))
             # next to the optimum that is rounding
             grown = step.curvature >= former

@@ -177,18 +177,26 @@ def _free(objective: Objective, v: dict, s: dict) -> list[ca.MX]:
     return [theta[[int(i) for i in problem.columns(r)]] for r in range(len(problem.records))]
 
 
-def _nodes(objective: Objective, v: dict) -> ca.MX:
-    return v["nodes"] * ca.repmat(ca.DM(objective.scale), 1, v["nodes"].shape[1])
+def _sizes(objective: Objective, count: int) -> ca.DM:
+    """(n, count) typical size of the states."""
+    return ca.repmat(ca.DM(objective.scale), 1, count)
+
+
+def _states(objective: Objective, scaled: ca.MX) -> ca.MX:
+    """States (n, any) from scaled ones."""
+    return scaled * _sizes(objective, scaled.shape[1])
 
 
 def _arguments(objective: Objective, v: dict, s: dict) -> ProblemSymbols:
     records = [int(r) for r in objective.layout.record]
     free = _free(objective, v, s)
-    points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
-    given = {name: s[name] for name in ("u0", "u1", "dt")}
-    base = s["base"][:, records]
-    own = ca.horzcat(*[free[r] for r in records])
-    return ProblemSymbols(nodes=_nodes(objective, v), points=points, base=base, free=own, **given)
+    return ProblemSymbols(
+        nodes=_states(objective, v["nodes"]),
+        points=_states(objective, v["points"]) if "points" in v else None,
+        base=s["base"][:, records],
+        free=ca.horzcat(*[free[r] for r in records]),
+        **{name: s[name] for name in ("u0", "u1", "dt")},
+    )
 
 
 def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> tuple[ca.MX, list[_Bounded]]:
@@ -197,14 +205,13 @@ def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> 
     residuals = [(theta - s["nominal"]) * s["precision"]]
     constraints: list[_Bounded] = []
     if motion is not None:
-        nodes = _nodes(objective, v)
+        nodes = _states(objective, v["nodes"])
         first = [int(i) for i in objective.layout.first]
         start = nodes[:, first] - s["centre"]
         residuals.append(ca.vec(start * s["initial_precision"]))
         held = [int(i) for i in np.flatnonzero(objective.exact.T.ravel(order="F"))]
         if held:
-            at_first = start / ca.repmat(ca.DM(objective.scale), 1, len(first))
-            constraints.append((ca.vec(at_first)[held], 0.0, 0.0))
+            constraints.append((ca.vec(start / _sizes(objective, len(first)))[held], 0.0, 0.0))
         residuals.append(ca.vec(_whitened(motion.y - s["z"], s)))
         defect = _defects(objective, nodes, motion.end, v, s)
         if "noise" in v:
@@ -248,7 +255,7 @@ def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -
         n = len(objective.scale)
         factors = ca.horzsplit(s["factor"], n)
         defect = defect + ca.horzcat(*[factors[j] @ v["noise"][:, j] for j in range(len(tied))])
-    return ca.vec(defect / ca.repmat(ca.DM(objective.scale), 1, len(tied)))
+    return ca.vec(defect / _sizes(objective, len(tied)))
 
 
 def _paths(objective: Objective, v: dict, states: ca.MX, y: ca.MX) -> list[_Bounded]:

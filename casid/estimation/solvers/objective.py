@@ -63,7 +63,8 @@ class Objective:
         factor = None
         if dynamics is not None:
             self.layout = layout = dynamics.layout
-            self.kkt = [BandedKKT(self._count(r), n) for r in range(len(problem.records))]
+            segments = [layout.segments_of(r) for r in range(len(problem.records))]
+            self.kkt = [BandedKKT(one.stop - one.start, n) for one in segments]
             known, std = problem.initial_knowledge
             self.centre = np.where(np.isnan(known), layout.start[layout.first], known)
             self.exact = std == 0.0
@@ -74,10 +75,6 @@ class Objective:
                 self.paths = PathLimits(problem, dynamics)
         self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
         self._triangular = True  # whether the root of the covariance of random defects is
-
-    def _count(self, record: int) -> int:
-        segments = self.layout.segments_of(record)
-        return segments.stop - segments.start
 
     @property
     def soft(self) -> bool:
@@ -98,7 +95,9 @@ class Objective:
     # ---- weights
 
     def _noise_levels(self) -> Levels:
-        measured = self._measured_outputs() if self.dynamics is not None else np.zeros((1, 0))
+        measured = np.zeros((1, 0))
+        if self.dynamics is not None:
+            measured = np.concatenate([self.problem.outputs_of(record) for record in self.problem.records])
         if self.equations is not None:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets))
         share = np.full(measured.shape[1], self.equation_share)
@@ -107,20 +106,14 @@ class Objective:
         names = self.channel_names
         if isinstance(noise, StudentT | Huber):  # solved by weights; elsewhere its scale is what noise there is
             noise = noise.sigma
+        if isinstance(noise, Mapping):
+            noise = {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}
         if not isinstance(noise, str | np.ndarray):
-            known = (
-                {n: float(s) for n, s in noise.items() if not isinstance(s, Noise)}
-                if isinstance(noise, Mapping)
-                else noise
-            )
-            return noise_levels(known, names, measured, share)
+            return noise_levels(noise, names, measured, share)
         independent = noise_levels(None, names, measured, share)
         layout = self.layout
         given = noise if isinstance(noise, np.ndarray) else None
         return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
-
-    def _measured_outputs(self) -> np.ndarray:
-        return np.concatenate([self.problem.outputs_of(record) for record in self.problem.records])
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -278,14 +271,18 @@ class Objective:
                 noise = replace(noise, factor=self._square_root(blocks.covariance[layout.tied]))
             if self.paths is not None:
                 paths = self.paths.linearised(value.trajectory, parameters, self.exact)
+            kernel = self.dynamics.kernel
             for r in range(len(self.problem.records)):
-                reduced.append(self._reduce(r, blocks, point))
+                own = layout.segments_of(r)
+                bordered = blocks.hessian[own], blocks.gradient[own], blocks.transition[own]
+                reduced.append(self.reduced(r, bordered, blocks, point, kernel))
                 columns, grid = self._columns[r]
                 hessian[grid] += reduced[r].hessian
                 gradient[columns] += reduced[r].gradient
                 if not noise.levels.fixed:
-                    own = blocks.channel_gradient[layout.segments_of(r)]
-                    along = own[..., n:].sum(axis=0) - np.einsum("kon,knf->of", own[..., :n], reduced[r].ds_p)
+                    by_channel = blocks.channel_gradient[own]
+                    by_state = np.einsum("kon,knf->of", by_channel[..., :n], reduced[r].ds_p)
+                    along = by_channel[..., n:].sum(axis=0) - by_state
                     channels[: along.shape[0], columns] += along
         for r, residuals in enumerate(value.equations.residuals if value.equations is not None else ()):
             columns, grid = self._columns[r]
@@ -372,36 +369,22 @@ class Objective:
             for samples, rows in self.equation_slabs(value, r):
                 yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
 
-    def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
-        own = self.layout.segments_of(record)
-        bordered = blocks.hessian[own], blocks.gradient[own], blocks.transition[own]
-        kernel = self.dynamics.kernel if self.dynamics is not None else None
-        return self.reduced(record, bordered, blocks.covariance, blocks.end, point, kernel)
-
     def reduced(
         self,
         record: int,
         bordered: tuple[np.ndarray, np.ndarray, np.ndarray],
-        covariance: np.ndarray | None,
-        end: np.ndarray,
+        blocks: Blocks,
         point: Point,
         kernel: Reducing | None = None,
     ) -> Reduced:
         """The reduced system of a record from the Hessian, gradient and transition of its segments, `bordered` by its
-        parameters and whatever else is left; covariance and end of all segments."""
+        parameters and whatever else is left; the blocks of all segments."""
         own = self.layout.segments_of(record)
         tied = slice(own.start, own.stop - 1)
         following = slice(own.start + 1, own.stop)
-        hessian, gradient, transition = bordered
-        return self.kkt[record].solve(
-            hessian,
-            gradient,
-            transition,
-            end[tied] - point.nodes[following],
-            covariance[tied] if covariance is not None else None,
-            self.scale,
-            kernel,
-        )
+        defect = blocks.end[tied] - point.nodes[following]
+        covariance = blocks.covariance[tied] if blocks.covariance is not None else None
+        return self.kkt[record].solve(*bordered, defect, covariance, self.scale, kernel)
 
     def step(
         self, point: Point, value: ObjectiveValue, linear: Linearised, damping: float, concentrated: bool = False
@@ -414,47 +397,36 @@ class Objective:
         """
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
         # a parameter that the data do not determine here keeps its value
-        return self.step_by(point, linear, curved + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
+        return self.step_by(linear, curved + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
 
-    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
+    def step_by(self, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
         own within the linear limits. Raises numpy.linalg.LinAlgError when it is not positive definite."""
-        found = self._within_limits(point, linear, curvature)
-        bent = self.limits.curvature(point.theta, found.limit_multipliers)
+        found = self._within_limits(linear, curvature)
+        bent = self.limits.curvature(linear.point.theta, found.limit_multipliers)
         if bent.any():  # Newton's step on the limits, where that is still one downhill
             with suppress(np.linalg.LinAlgError):
-                found = self._within_limits(point, linear, curvature + bent)
+                found = self._within_limits(linear, curvature + bent)
         return found
 
-    def _within_limits(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
-        at, rows = self.limits.at(point.theta)
-        lower = self.limits.lower - at
-        upper = self.limits.upper - at
+    def _within_limits(self, linear: Linearised, curvature: np.ndarray) -> SolverStep:
+        limits = self.limits.about(linear.point.theta)
         if self.paths is None:
-            theta, limits = parameter_step(curvature, linear.gradient, rows, lower, upper)
-            return self.step_along(point, linear, theta, limits)
-        theta, limits, along = self.paths.step(self.reduced, point, linear, curvature, (rows, lower, upper))
-        return self.step_along(point, linear, theta, limits, along)
+            return self.step_along(linear, *parameter_step(curvature, linear.gradient, *limits))
+        return self.step_along(linear, *self.paths.step(self.reduced, linear, curvature, limits))
 
     def held_paths(self, linear: Linearised) -> HeldPaths | None:
         """Return what hard path limits hold at a solution."""
         if self.paths is None or linear.paths is None:
             return None
-        at, rows = self.limits.at(linear.point.theta)
-        return self.paths.held(
-            self.reduced, linear.point, linear, (rows, self.limits.lower - at, self.limits.upper - at)
-        )
+        return self.paths.held(self.reduced, linear, self.limits.about(linear.point.theta))
 
     def step_along(
-        self,
-        point: Point,
-        linear: Linearised,
-        theta: np.ndarray,
-        limit_multipliers: np.ndarray,
-        path: PathStep | None = None,
+        self, linear: Linearised, theta: np.ndarray, limit_multipliers: np.ndarray, path: PathStep | None = None
     ) -> SolverStep:
         """The step that changes the parameters by `theta` and everything else as the linearisation then wants it, with
         what path limits add."""
+        point = linear.point
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
         curvature = float(theta @ (precision * theta))

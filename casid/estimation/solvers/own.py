@@ -206,11 +206,12 @@ class OwnObjective:
     ) -> SolverStep:
         """The Gauss-Newton step, with `damping` times its diagonal added to the information; the noise is not counted
         as following it, `concentrated` or not. Raises numpy.linalg.LinAlgError as `step_by`."""
-        return self.step_by(point, linear, linear.hessian + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
+        return self.step_by(linear, linear.hessian + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
 
-    def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
+    def step_by(self, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         """The step whose parameters minimise the gradient's line with a curvature of their own within the limits.
         Raises numpy.linalg.LinAlgError when it is not positive definite and limits act."""
+        point = linear.point
         change, multipliers = self._limited(point.theta, curvature, linear.gradient)
         bent = self.limits.curvature(point.theta, multipliers)
         if bent.any():
@@ -232,12 +233,11 @@ class OwnObjective:
         return step if value.own is None else replace(step, nodes=self.own.followed(value.own, step.theta))
 
     def _limited(self, theta: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        at, rows = self.limits.at(theta)
-        if not len(rows):  # directions of which the data say nothing stay where they are
+        if not len(self.limits):  # directions of which the data say nothing stay where they are
             scale = jacobi_scale(hessian)
             inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-13, hermitian=True)
             return -scale * (inverse @ (scale * gradient)), np.zeros(0)
-        return parameter_step(hessian, gradient, rows, self.limits.lower - at, self.limits.upper - at)
+        return parameter_step(hessian, gradient, *self.limits.about(theta))
 
     def likelihood_cost(self, value: ObjectiveValue) -> float:
         """-ln(likelihood x prior), up to a constant."""
@@ -271,7 +271,8 @@ class OwnObjective:
 
 
 class _Given:
-    """A likelihood of a user's own, in which nothing follows the parameters."""
+    """A likelihood of a user's own, in which nothing follows the parameters: what a `Following` does besides is not
+    asked of it."""
 
     names = ()
     process = np.zeros(0)
@@ -321,18 +322,6 @@ class _Given:
 
     def jacobian(self, at: Whitened) -> np.ndarray:
         return self._numbers("jacobian", at.kept, (len(at.residual), len(at.kept)))
-
-    def followed(self, at: Whitened, change: np.ndarray) -> np.ndarray:
-        return np.zeros((0, 0))
-
-    def relaxed(self, at: Whitened, noise: NoiseState, step: LimitedStep | None) -> NoiseState:
-        return noise
-
-    def again(self, at: Whitened, noise: NoiseState) -> Whitened:
-        return at
-
-    def bent(self, at: Whitened) -> Whitened:
-        return at
 
     def parts(self, at: Whitened, record: int) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
         yield from ()

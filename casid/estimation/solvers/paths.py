@@ -21,11 +21,13 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.kkt import Reduced
 from casid.estimation.solvers.point import Linearised, LinearisedPaths, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
-from casid.estimation.transcriptions.dynamics import Dynamics, Trajectory
+from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
 from casid.signals import scale_of
 
-# record; Hessian, gradient and transition of its segments; covariance and end of all segments; point -> its system
-Reduce = Callable[[int, tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None, np.ndarray, Point], Reduced]
+# record; Hessian, gradient and transition of its segments; blocks of all segments; point -> its system
+Reduce = Callable[[int, tuple[np.ndarray, np.ndarray, np.ndarray], Blocks, Point], Reduced]
+# (rows, lower, upper) of the parameters' own limits on a step
+Limits = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 _ROUNDS = 50  # of samples that are added
 _BEYOND = 1e-10  # of a quantity's size: less is no excess
@@ -138,23 +140,18 @@ class PathLimits:
         return LinearisedPaths(values=self.values(trajectory), rows=chosen)
 
     def step(
-        self,
-        reduce: Reduce,
-        point: Point,
-        linear: Linearised,
-        curvature: np.ndarray,
-        limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+        self, reduce: Reduce, linear: Linearised, curvature: np.ndarray, limits: Limits
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
-        """Return the step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what
-        the path limits add; `reduce` reduces a record. Raises numpy.linalg.LinAlgError where the parameters' own
-        limits contradict each other."""
+        """Return the step of the parameters, the multipliers of their own `limits`, and what the path limits add;
+        `reduce` reduces a record. Raises numpy.linalg.LinAlgError where the parameters' own limits contradict each
+        other."""
         paths = linear.paths
         assert paths is not None
         excess = self.excess(paths.values)
         pushed = np.where(self.soft[:, None], np.sign(excess) * (np.abs(excess) > (_NEAR * self.scale)[:, None]), 0.0)
         working = self._near(paths.values) & (pushed == 0.0)
         for rounds in range(_ROUNDS):
-            theta, own, found = self._solved(reduce, point, linear, curvature, limits, (working, pushed))
+            theta, own, found = self._solved(reduce, linear, curvature, limits, (working, pushed))
             predicted = self._predicted(linear, theta, found)
             change = self.paid(predicted) - self.paid(paths.values)
             beyond = self.excess(predicted)
@@ -167,15 +164,13 @@ class PathLimits:
         price = np.abs((found.multipliers * self.scale[:, None])[~self.soft]).max(initial=0.0)
         return theta, own, replace(found, change=change, price=float(price))
 
-    def held(
-        self, reduce: Reduce, point: Point, linear: Linearised, limits: tuple[np.ndarray, np.ndarray, np.ndarray]
-    ) -> HeldPaths | None:
+    def held(self, reduce: Reduce, linear: Linearised, limits: Limits) -> HeldPaths | None:
         """Return what holds at a solution; arguments as in `step`. None where no sample is held."""
         paths = linear.paths
         problem = self._problem
         count = len(linear.gradient)
         assert paths is not None
-        pressed = self.step(reduce, point, linear, linear.hessian, limits)[2].multipliers
+        pressed = self.step(reduce, linear, linear.hessian, limits)[2].multipliers
         held = (pressed != 0.0) & self._near(paths.values) & ~self.soft[:, None]
         if not held.any():
             return None
@@ -186,7 +181,7 @@ class PathLimits:
         motion = []
         for r in range(len(problem.records)):
             own = np.argwhere(held & (self.record == r))
-            solved = self._bordered(reduce, point, linear, r, own, np.zeros_like(pressed))
+            solved = self._bordered(reduce, linear, r, own, np.zeros_like(pressed))
             f = len(problem.columns(r))
             together = self._together(own, pressed)
             root = _root(-solved.hessian[f:, f:])
@@ -237,37 +232,41 @@ class PathLimits:
     def _solved(
         self,
         reduce: Reduce,
-        point: Point,
         linear: Linearised,
         curvature: np.ndarray,
-        limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+        limits: Limits,
         samples: tuple[np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
         """The step where of all samples (constraints, N) those `working` may come to their limit, and those pushed by
         the price of theirs, with a sign, are beyond it."""
-        problem, count, (working, pushed) = self._problem, len(linear.gradient), samples
+        problem = self._problem
+        count = len(linear.gradient)
+        working, pushed = samples
+        rows, low, high = limits
         pushed = pushed * np.where(self.soft, self.price, 0.0)[:, None]
         chosen = [np.argwhere(working & (self.record == r)) for r in range(len(problem.records))]
-        reduced = [self._bordered(reduce, point, linear, r, own, pushed) for r, own in enumerate(chosen)]
-        (rows, low, high), blocks, roots, slope = limits, [], [], linear.gradient.copy()
-        for r, own in enumerate(chosen):
-            f = len(problem.columns(r))
-            slope[problem.columns(r)] += reduced[r].gradient[:f] - linear.reduced[r].gradient
-            by_parameter = np.zeros((len(own), count))
-            by_parameter[:, problem.columns(r)] = reduced[r].hessian[f:, :f]
-            blocks.append(by_parameter)
-            roots.append(_root(-reduced[r].hessian[f:, f:]))
+        reduced = [self._bordered(reduce, linear, r, own, pushed) for r, own in enumerate(chosen)]
+        slope = linear.gradient.copy()
+        by_parameter = []
+        roots = []
+        reached = []
+        for r, one in enumerate(reduced):
+            columns = problem.columns(r)
+            f = len(columns)
+            slope[columns] += one.gradient[:f] - linear.reduced[r].gradient
+            by_parameter.append(np.zeros((len(chosen[r]), count)))
+            by_parameter[r][:, columns] = one.hessian[f:, :f]
+            roots.append(_root(-one.hessian[f:, f:]))
+            reached.append(one.gradient[f:])
         every = np.concatenate(chosen)
-        index = [own[:, 0] for own in chosen]
-        reached = np.concatenate([reduced[r].gradient[len(problem.columns(r)) :] for r in range(len(chosen))])
-        which = np.concatenate(index)
+        which = every[:, 0]
         matrix = diagonal(rows, *roots)
-        matrix[len(rows) :, :count] = np.concatenate(blocks)
+        matrix[len(rows) :, :count] = np.concatenate(by_parameter)
         further = matrix.shape[1] - count
         hessian = diagonal(curvature, np.eye(further))
         gradient = np.concatenate([slope, np.zeros(further)])
-        lower = np.concatenate([low, self.lower[which] - reached])
-        upper = np.concatenate([high, self.upper[which] - reached])
+        lower = np.concatenate([low, self.lower[which] - np.concatenate(reached)])
+        upper = np.concatenate([high, self.upper[which] - np.concatenate(reached)])
         price = np.concatenate([np.full(len(rows), np.inf), self.price[which]])
         feasible = True
         try:
@@ -280,20 +279,11 @@ class PathLimits:
         multipliers = pushed.copy()
         multipliers[every[:, 0], every[:, 1]] = dual[len(rows) :]
         forces = np.split(dual[len(rows) :], np.cumsum([len(own) for own in chosen])[:-1])
-        return (
-            found[:count],
-            dual[: len(rows)],
-            PathStep(reduced=reduced, forces=forces, multipliers=multipliers, feasible=feasible),
-        )
+        found_paths = PathStep(reduced=reduced, forces=forces, multipliers=multipliers, feasible=feasible)
+        return found[:count], dual[: len(rows)], found_paths
 
     def _bordered(
-        self,
-        reduce: Reduce,
-        point: Point,
-        linear: Linearised,
-        record: int,
-        own: np.ndarray,
-        pushed: np.ndarray,
+        self, reduce: Reduce, linear: Linearised, record: int, own: np.ndarray, pushed: np.ndarray
     ) -> Reduced:
         """The reduced system of a record with the multipliers of samples `own` (w, 2) behind its parameters, and
         forces `pushed` (constraints, N) on others."""
@@ -301,22 +291,18 @@ class PathLimits:
         paths = linear.paths
         segments = self._layout.segments_of(record)
         assert blocks is not None and paths is not None
-        hessian = blocks.hessian[segments]
-        gradient = blocks.gradient[segments]
-        (count, size), more = gradient.shape, len(own)
-        wide = np.zeros((count, size + more, size + more))
-        wide[:, :size, :size] = hessian
-        slope = np.zeros((count, size + more))
-        slope[:, :size] = gradient
+        more = len(own)
+        wide = np.pad(blocks.hessian[segments], ((0, 0), (0, more), (0, more)))
+        slope = np.pad(blocks.gradient[segments], ((0, 0), (0, more)))
+        transition = np.pad(blocks.transition[segments], ((0, 0), (0, 0), (0, more)))
+        size = paths.rows.shape[2]
         for c, j in np.argwhere((pushed != 0.0) & (self.record == record)):
             slope[self.segment[j] - segments.start, :size] += pushed[c, j] * paths.rows[c, j]
-        transition = np.zeros((count, blocks.transition.shape[1], size + more))
-        transition[..., :size] = blocks.transition[segments]
         for i, (c, j) in enumerate(own):
             k = self.segment[j] - segments.start
             wide[k, :size, size + i] = wide[k, size + i, :size] = paths.rows[c, j]
             slope[k, size + i] = paths.values[c, j]
-        return reduce(record, (wide, slope, transition), blocks.covariance, blocks.end, point)
+        return reduce(record, (wide, slope, transition), blocks, linear.point)
 
     def _predicted(self, linear: Linearised, theta: np.ndarray, step: PathStep) -> np.ndarray:
         """(constraints, N) values after a whole step, by the linearisation."""

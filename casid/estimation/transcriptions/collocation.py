@@ -24,7 +24,7 @@ from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Sim
 from casid.estimation.transcriptions.jumps import Jumps
 from casid.estimation.transcriptions.kernel import Packed, pack, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
-from casid.estimation.transcriptions.steps import dynamics_function, output_function, quiet
+from casid.estimation.transcriptions.steps import dynamics_function, output_function, slopes, slopes_function
 from casid.estimation.transcriptions.symbolic import collocated
 from casid.model.built import cached, compiled
 from casid.model.system import Model
@@ -91,7 +91,7 @@ class LiftedCollocation:
         self.shape = (layout.segments, layout.length, degree, len(model.states))
         self._jumps = Jumps(model, free, layout)
         self._packed: Packed | None = None
-        key = tuple(int(i) for i in free)
+        key = self._key = tuple(int(i) for i in free)
         self._offer = cached(
             model,
             ("collocation kernel", key, degree),
@@ -248,8 +248,7 @@ class LiftedCollocation:
             state = points[:, -1]
             transition = by_state @ transition
         last = layout.u1.reshape(layout.dt.size, -1)[begin + layout.substeps - 1]
-        key = tuple(int(i) for i in self._free)
-        outputs = compiled(self._model, _output_derivatives, key).mapped(len(begin))(state, last, values)[0]
+        outputs = compiled(self._model, slopes_function, "h", self._key).mapped(len(begin))(state, last, values)[1]
         return state, transition, outputs.reshape(len(begin), -1, n).copy()
 
     def local_errors(
@@ -274,10 +273,9 @@ class LiftedCollocation:
         segment by the linearised motion."""
         points = _points_of(trajectory)
         count, length, d, n = self.shape
-        key = tuple(int(i) for i in self._free)
-        derivatives = compiled(self._model, _point_derivatives, key).mapped(count * length * d)
+        derivatives = compiled(self._model, slopes_function, "f").mapped(count * length * d)
         many = np.repeat(parameters, length * d, axis=0)
-        fx = derivatives(points, self._inputs_at_points(slice(None)), many)[0].reshape(-1, d, n, n)
+        fx = derivatives(points, self._inputs_at_points(slice(None)), many)[1].reshape(-1, d, n, n)
         by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (len(fx), d, n, n)).reshape(-1, d * n, n)
         solved = np.linalg.solve(self._matrix(self.layout.dt.reshape(-1, 1), fx), by_node)
         transition = -solved[:, -n:].reshape(count, length, n, n)
@@ -302,14 +300,14 @@ class LiftedCollocation:
         u = u.reshape(self.layout.dt.size, *u.shape[2:])[which]
         dt = self.layout.dt.ravel()[which, None, None]
         many = np.repeat(parameters, d, axis=0)
-        derivatives = compiled(self._model, _slope_function).mapped(len(which) * d)
+        derivatives = compiled(self._model, slopes_function, "f").mapped(len(which) * d)
         X = guess.copy()
         size = self._model.scale_vector()
         by_state = np.zeros((len(which), n, n))
         by_node = np.tile((self.c[0][:, None, None] * np.eye(n)).reshape(d * n, n), (len(which), 1, 1))
         left = np.full(len(which), np.inf)
         for _ in range(_NEWTON):
-            f, fx = (r.reshape(len(which), d, n, -1) for r in derivatives(X, u, many))
+            f, fx = (r.reshape(len(which), d, n, -1) for r in derivatives(X, u, many)[:2])
             gap = np.einsum("ri,prn->pin", self.c, np.concatenate([before[:, None], X], axis=1)) - dt * f[..., 0]
             right = np.concatenate([gap.reshape(len(which), d * n, 1), by_node], axis=2)
             try:
@@ -396,16 +394,14 @@ class LiftedCollocation:
         """df/dx, df/dp_free (k, L, d, n, ...) at the points, dh/dx, dh/dp_free (k, L, o, ...) at the samples."""
         count, length, n = states.shape
         d = self.degree
-        key = tuple(int(i) for i in self._free)
         repeated = np.repeat(parameters, length, axis=0)
-        inner = compiled(self._model, _point_derivatives, key).mapped(count * length * d)
-        outer = compiled(self._model, _output_derivatives, key).mapped(count * length)
+        inner = compiled(self._model, slopes_function, "f", self._key).mapped(count * length * d)
+        outer = compiled(self._model, slopes_function, "h", self._key).mapped(count * length)
         many = np.repeat(repeated, d, axis=0)
-        fx, fp = (
-            r.reshape(count, length, d, n, -1).copy() for r in inner(points, self._inputs_at_points(segments), many)
-        )
-        o = self.layout.z.shape[2]
-        hx, hp = (r.reshape(count, length, o, -1).copy() for r in outer(states, self.layout.u0[segments], repeated))
+        _, *at_points = inner(points, self._inputs_at_points(segments), many)
+        _, *at_samples = outer(states, self.layout.u0[segments], repeated)
+        fx, fp = (r.reshape(count, length, d, n, -1).copy() for r in at_points)
+        hx, hp = (r.reshape(count, length, self.layout.z.shape[2], -1).copy() for r in at_samples)
         return fx, fp, hx, hp
 
     def _eliminated(
@@ -448,42 +444,9 @@ def _lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def _transposed(name: str, model: Model, results: Sequence[ca.SX]) -> ca.Function:
-    """Return a function of (x, u, p), in numpy's row order."""
-    return ca.Function(name, [model.x, model.u, model.p], ca.cse([ca.densify(e.T) for e in results]))
-
-
-def _free_parameters(model: Model, free: Sequence[int]) -> ca.SX:
-    return ca.vertcat(*[model.p[int(i)] for i in free])
-
-
-def _slope_function(model: Model) -> ca.Function:
-    """f, df/dx."""
-    f = quiet(model, model.f)
-    return _transposed("slope", model, [f, ca.jacobian(f, model.x)])
-
-
-def _point_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
-    """df/dx, df/dp_free."""
-    f = quiet(model, model.f)
-    return _transposed("slopes", model, [ca.jacobian(f, v) for v in (model.x, _free_parameters(model, free))])
-
-
-def _output_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
-    """dh/dx, dh/dp_free."""
-    h = quiet(model, model.h)
-    return _transposed("outputs", model, [ca.jacobian(h, v) for v in (model.x, _free_parameters(model, free))])
-
-
 def _kernel_functions(model: Model, free: Sequence[int]) -> dict[str, ca.Function]:
     """Return the functions that `collocation_source` takes."""
-    f = quiet(model, model.f)
-    h = quiet(model, model.h)
-    q = _free_parameters(model, free)
-    results = {
-        "slope": [ca.densify(f)],
-        "output": [ca.densify(h)],
-        "slopes": [ca.densify(f), ca.jacobian(f, model.x), ca.jacobian(f, q)],
-        "outputs_of": [ca.densify(h), ca.jacobian(h, model.x), ca.jacobian(h, q)],
-    }
+    slope = slopes(model, "f", free)
+    output = slopes(model, "h", free)
+    results = {"slope": [slope[0]], "output": [output[0]], "slopes": [*slope], "outputs_of": [*output]}
     return {name: ca.Function(name, [model.x, model.u, model.p], ca.cse(r)) for name, r in results.items()}

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.transcriptions.dynamics import Blocks
-from casid.estimation.transcriptions.kernel import KernelOffer, Packed, Reduction, aligned, call, is_dense
+from casid.estimation.transcriptions.kernel import KernelOffer, Packed, Reduction, aligned, call, triangles, unfilled
 from casid.native.kernel_source import Sizes, collocation_sizes, collocation_source
 
 
@@ -33,25 +33,13 @@ class CollocationKernel:
     """Residuals and linearisation of collocation, lanes of segments at a time, and the step of a record."""
 
     def __init__(self, library: str, sizes: Sizes, degree: int) -> None:
-        loaded = ctypes.CDLL(library)
-        self.sizes, self.degree, self.lanes, self.reduce = sizes, degree, int(loaded.lanes()), Reduction(loaded, sizes)
-        number = ctypes.c_long
-        address = ctypes.c_void_p
-        loaded.kept.restype = number
-        self._kept = int(loaded.kept())
-        self._gaps = loaded.gaps
-        self._lift = loaded.lift
-        self._follow = loaded.follow
-        self._motion = loaded.motion
-        self._motion.argtypes = (number, number, *[address] * 4, ctypes.c_double, *[address] * 2)
-        self._motion.restype = None
-        self._gaps.argtypes = (number, number, *[address] * 8)
-        self._lift.argtypes = (number, number, *[address] * 5, number, *[address] * 8)
-        self._follow.argtypes = (number, number, *[address] * 7)
-        self._gaps.restype = self._lift.restype = self._follow.restype = None
+        self._loaded = loaded = ctypes.CDLL(library)
+        self.sizes = sizes
+        self.degree = degree
+        self.lanes = call(loaded.lanes)
+        self.reduce = Reduction(loaded, sizes)
         points = degree * sizes.n
         self._work = aligned((points * (points + 1 + sizes.n + sizes.f) * self.lanes,))
-        self._below = np.tril_indices(sizes.o)
 
     def gaps(
         self, packed: Packed, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray
@@ -63,7 +51,7 @@ class CollocationKernel:
         y = np.empty((count, length, o))
         gap = np.empty(points.shape)
         squares = np.empty((count, o))
-        call(self._gaps, count, length, packed.data, nodes, points, parameters, packed.seen, y, gap, squares)
+        call(self._loaded.gaps, count, length, packed.data, nodes, points, parameters, packed.seen, y, gap, squares)
         return y, gap, squares
 
     def motion(
@@ -72,7 +60,7 @@ class CollocationKernel:
         """points (K, L d, n) of the motion from the nodes, to a relative tolerance of each state or of its scale."""
         (count, n), length = nodes.shape, packed.data.shape[1]
         points = np.empty((count, length * self.degree, n))
-        call(self._motion, count, length, packed.data, nodes, parameters, scale, tolerance, self._work, points)
+        call(self._loaded.motion, count, length, packed.data, nodes, parameters, scale, tolerance, self._work, points)
         return points
 
     def lift(
@@ -86,24 +74,15 @@ class CollocationKernel:
         keep: bool = False,
     ) -> Blocks:
         """weights (patterns, o, o) as in `Shooting.blocks`; keep: what interior states follow by."""
-        (count, n), (blocks, length) = nodes.shape, packed.data.shape[:2]
-        o = self.sizes.o
-        nf = n + self.sizes.f
-        shift = np.empty((count, nf + 2))
-        kept = aligned((blocks, length, self._kept, self.lanes)) if keep else None
-        found = Blocks(
-            hessian=np.empty((count, nf, nf)),
-            channel_gradient=np.empty((count, o, nf)),
-            gradient=np.empty((count, nf)),
-            transition=np.empty((count, n, nf)),
-            end=np.empty((count, n)),
-            covariance=None,
-            lift=None if kept is None else KernelLift(kernel=self, kept=kept, shift=shift),
-            rows=np.zeros((count, length, o, nf)) if rows else None,
-        )
-        given = packed.data, nodes, points, parameters, weights[:, *self._below], is_dense(weights), self._work
+        count = len(nodes)
+        blocks, length = packed.data.shape[:2]
+        shift = np.empty((count, self.sizes.n + self.sizes.f + 2))
+        kept = aligned((blocks, length, call(self._loaded.kept), self.lanes)) if keep else None
+        lift = None if kept is None else KernelLift(kernel=self, kept=kept, shift=shift)
+        found = unfilled(self.sizes, count, length if rows else 0, lift)
+        given = packed.data, nodes, points, parameters, *triangles(weights), self._work
         to = found.hessian, found.channel_gradient, found.transition, found.end, shift, kept, found.rows
-        call(self._lift, count, length, *given, *to)
+        call(self._loaded.lift, count, length, *given, *to)
         found.channel_gradient.sum(axis=1, out=found.gradient)
         return found
 
@@ -115,7 +94,7 @@ class CollocationKernel:
         (count, n), length = nodes.shape, kept.shape[1]
         steps = np.empty((count, length * self.degree, n))
         price = np.empty(count)
-        call(self._follow, count, length, kept, nodes, local, multipliers, scale, steps, price)
+        call(self._loaded.follow, count, length, kept, nodes, local, multipliers, scale, steps, price)
         return steps, float(price.max(initial=0.0))
 
 

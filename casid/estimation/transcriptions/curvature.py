@@ -11,12 +11,10 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.transcriptions.dynamics import ShotDerivatives
-from casid.estimation.transcriptions.steps import dynamics_function, output_function
+from casid.estimation.transcriptions.steps import STAGES, dynamics_function, output_function
 from casid.estimation.transcriptions.symbolic import SampleSymbols
 from casid.model.built import cached
 from casid.model.system import Model
-
-_STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))  # of Runge-Kutta: where in the step, share in sixths of it
 
 
 def shot_derivatives(model: Model, free: np.ndarray, length: int, count: int) -> ShotDerivatives:
@@ -92,7 +90,7 @@ class _Sample:
         k = ca.MX(self.n, 1)
         ks = ca.MX(*s.shape)
         at = []
-        for reach, share in _STAGES:
+        for reach, share in STAGES:
             s_here = ca.densify(s + reach * dt * ks)
             at.append(([x + reach * dt * k, u0 + reach * (u1 - u0), base, q], s_here))
             k, fx, fq = self.slope(*at[-1][0])
@@ -133,7 +131,7 @@ def _back(model: Model, free: np.ndarray) -> ca.Function:
     before = a + back
     following = 0.0
     into = ca.MX(n, 1)
-    for (reach, share), (where, s_here) in reversed(list(zip(_STAGES, sample.stages(x, s)[2], strict=True))):
+    for (reach, share), (where, s_here) in reversed(list(zip(STAGES, sample.stages(x, s)[2], strict=True))):
         # a slope counts in the state after the step, and in where the stage behind takes its own
         into, *blocks = sample.bent(*where, dt * (share / 6 * a + following * into))
         total += sample.congruent(s_here, *blocks)

@@ -12,7 +12,7 @@ import scipy
 
 from casid.errors import EstimationError
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import quiet
+from casid.estimation.transcriptions.steps import free_parameters, quiet
 from casid.model.built import cached
 from casid.model.system import EquationForm as EquationForm
 from casid.model.system import Model
@@ -94,36 +94,23 @@ def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.where(good, np.interp(t, grid, np.asarray(smooth)), np.nan)
 
 
-def state_equations(model: Model) -> EquationForm:
-    """The state equations as an equation-error form: measured state derivatives, in discrete time measured states one
-    sample later, against f at measured states."""
-    derivatives = tuple(f"{name}dot" if model.period is None else f"{name}{_NEXT}" for name in model.states)
-    dots = ca.SX.sym("xdot", len(derivatives))
-    return EquationForm(
-        names=derivatives,
-        channels=(*model.states, *model.inputs, *derivatives),
-        m=ca.vertcat(model.x, model.u, dots),
-        target=dots,
-        prediction=quiet(model, model.f),
-    )
-
-
 def equation_form(model: Model) -> EquationForm:
-    """The model's own form, its outputs where it has no states, otherwise its state equations."""
+    """The model's own form; its outputs at the measured inputs where it has no states; otherwise its state equations:
+    measured state derivatives, in discrete time measured states one sample later, against f at measured states."""
     if model.equation is not None:
         return model.equation
-    return state_equations(model) if model.states else output_equations(model)
-
-
-def output_equations(model: Model) -> EquationForm:
-    """The outputs of a model without states as an equation-error form: measured outputs against h at the inputs."""
-    y = ca.SX.sym("y", len(model.outputs))
+    names = model.outputs
+    prediction = model.h
+    if model.states:
+        names = tuple(f"{name}dot" if model.period is None else f"{name}{_NEXT}" for name in model.states)
+        prediction = model.f
+    target = ca.SX.sym("target", len(names))
     return EquationForm(
-        names=model.outputs,
-        channels=(*model.inputs, *model.outputs),
-        m=ca.vertcat(model.u, y),
-        target=y,
-        prediction=quiet(model, model.h),
+        names=names,
+        channels=(*model.states, *model.inputs, *names),
+        m=ca.vertcat(model.x, model.u, target),
+        target=target,
+        prediction=quiet(model, prediction),
     )
 
 
@@ -162,8 +149,7 @@ class EquationPart:
         form = equation_form(model)
         self.names = form.names
         residual = form.prediction - form.target
-        free = ca.vertcat(*[model.p[int(i)] for i in problem.free_index])
-        jacobian = ca.jacobian(residual, free)
+        jacobian = ca.jacobian(residual, free_parameters(model, problem.free_index))
         self._check_parameters(jacobian)
 
         def compilable(name: str, expression: ca.SX, *key: object) -> Compilable:

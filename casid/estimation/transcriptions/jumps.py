@@ -14,6 +14,8 @@ import numpy as np
 
 from casid.estimation.transcriptions.dynamics import Blocks, Lift, ProblemSymbols, Trajectory
 from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.steps import free_parameters
+from casid.estimation.transcriptions.symbolic import SampleSymbols
 from casid.model.built import cached
 from casid.model.system import Model
 
@@ -57,7 +59,7 @@ class Jumps:
         """Event -> (x, u, p) -> x after it, its derivatives in x and in the free parameters."""
         model = self._model
         key = ("jumps", *(int(i) for i in self._free))
-        free = ca.vertcat(*[model.p[int(i)] for i in self._free])
+        free = free_parameters(model, self._free)
 
         def build() -> dict[str, ca.Function]:
             given = [model.x, model.u, model.p]
@@ -122,13 +124,8 @@ class Jumps:
         columns = ca.horzsplit(end)
         length = self._layout.length
         for name, which in self._at.items():
-            p = ca.SX.sym("base", len(self._model.parameters)), ca.SX.sym("q", len(self._free))
-            whole = ca.SX(p[0])
-            for j, i in enumerate(self._free):
-                whole[int(i)] = p[1][j]
-            x = ca.SX.sym("x", end.shape[0])
-            u = ca.SX.sym("u", len(self._model.inputs))
-            jump = ca.Function("jump", [x, u, *p], [self._functions[name](x, u, whole)[0]])
+            of = SampleSymbols(self._model, self._free)
+            jump = ca.Function("jump", [of.x, of.u0, of.base, of.q], [self._functions[name](of.x, of.u0, of.p)[0]])
             for k in which.tolist():
                 columns[k] = jump(columns[k], at.u0[:, (k + 1) * length], at.base[:, k], at.free[:, k])
         return ca.horzcat(*columns)

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import casadi as ca
 import numpy as np
 
-from casid.estimation.transcriptions.dynamics import Blocks
+from casid.estimation.transcriptions.dynamics import Blocks, Lift
 from casid.estimation.transcriptions.layout import Layout
 from casid.native.compiler import c_compiler, cached_library, compile_first, compile_library, is_time_to_compile
 from casid.native.emitter import UnknownOperationError
@@ -84,11 +84,8 @@ class Reduction:
 
     def __init__(self, loaded: ctypes.CDLL, sizes: Sizes) -> None:
         self.sizes = sizes
-        self._reduce = loaded.reduce
-        self._work = loaded.work
-        self._reduce.argtypes = (ctypes.c_long, *[ctypes.c_void_p] * 10)
-        self._work.argtypes = (ctypes.c_long,)
-        self._work.restype = ctypes.c_long
+        self._loaded = loaded
+        loaded.work.restype = ctypes.c_long
         self._space = np.empty(0)
 
     def __call__(
@@ -105,14 +102,14 @@ class Reduction:
         count = len(hessian)
         sides = 1 + self.sizes.f
         n = self.sizes.n
-        size = int(self._work(len(hessian)))
+        size = call(self._loaded.work, count)
         if len(self._space) < size:
             self._space = aligned((size,))
         states = np.empty((count, n, sides))
         multipliers = np.empty((count - 1, n, sides))
         information = np.empty((self.sizes.f, sides))
         given = hessian, gradient, transition, defect, covariance, scale
-        if call(self._reduce, count, *given, self._space, states, multipliers, information):
+        if call(self._loaded.reduce, count, *given, self._space, states, multipliers, information):
             raise np.linalg.LinAlgError("singular states and multipliers")
         return states, multipliers, information
 
@@ -121,17 +118,10 @@ class Kernel:
     """A compiled kernel: simulation and linearisation of segments, lanes at a time, and the step of a record."""
 
     def __init__(self, library: str, sizes: Sizes) -> None:
-        loaded = ctypes.CDLL(library)
-        self.sizes, self.lanes = sizes, int(loaded.lanes())
-        number = ctypes.c_long
-        address = ctypes.c_void_p
-        self._simulate = loaded.simulate
-        self._linearise = loaded.linearise
-        self._simulate.argtypes = (number, number, *[address] * 9)
-        self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
-        self._simulate.restype = self._linearise.restype = None
-        self.reduce = Reduction(loaded, sizes)
-        self._below = np.tril_indices(sizes.o)
+        self._loaded = ctypes.CDLL(library)
+        self.sizes = sizes
+        self.lanes = call(self._loaded.lanes)
+        self.reduce = Reduction(self._loaded, sizes)
 
     def simulate(
         self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
@@ -143,7 +133,7 @@ class Kernel:
         end = np.empty((count, n))
         squares = np.empty((count, o))
         given = packed.live, packed.data, nodes, parameters, packed.seen
-        call(self._simulate, count, length, *given, states, y, end, squares)
+        call(self._loaded.simulate, count, length, *given, states, y, end, squares)
         return states, y, end, squares
 
     def linearise(
@@ -156,22 +146,35 @@ class Kernel:
         rows: bool = False,
     ) -> Blocks:
         """weights (patterns, o, o) as in `Shooting.blocks`."""
-        (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
-        nf = n + self.sizes.f
-        found = Blocks(
-            hessian=np.empty((count, nf, nf)),
-            channel_gradient=np.empty((count, o, nf)),
-            gradient=np.empty((count, nf)),
-            transition=np.empty((count, n, nf)),
-            end=np.empty((count, n)),
-            covariance=np.empty((count, n, n)) if self.sizes.v else None,
-            rows=np.zeros((count, length, o, nf)) if rows else None,
-        )
-        given = packed.live, packed.data, nodes, parameters, weights[:, *self._below], is_dense(weights), intensity
+        count = len(nodes)
+        length = packed.data.shape[1]
+        found = unfilled(self.sizes, count, length if rows else 0)
+        given = packed.live, packed.data, nodes, parameters, *triangles(weights), intensity
         to = found.hessian, found.channel_gradient, found.transition, found.end, found.covariance, found.rows
-        call(self._linearise, count, length, *given, *to)
+        call(self._loaded.linearise, count, length, *given, *to)
         found.channel_gradient.sum(axis=1, out=found.gradient)
         return found
+
+
+def unfilled(sizes: Sizes, count: int, length: int, lift: Lift | None = None) -> Blocks:
+    """Blocks of `count` segments for a kernel to fill, with the rows of so many samples, None of none."""
+    n = sizes.n
+    nf = n + sizes.f
+    return Blocks(
+        hessian=np.empty((count, nf, nf)),
+        channel_gradient=np.empty((count, sizes.o, nf)),
+        gradient=np.empty((count, nf)),
+        transition=np.empty((count, n, nf)),
+        end=np.empty((count, n)),
+        covariance=np.empty((count, n, n)) if sizes.v else None,
+        lift=lift,
+        rows=np.zeros((count, length, sizes.o, nf)) if length else None,
+    )
+
+
+def triangles(weights: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Lower triangles (patterns, o (o + 1)/2) of weights (patterns, o, o), and whether any has more than a diagonal."""
+    return weights[:, *np.tril_indices(weights.shape[1])], is_dense(weights)
 
 
 def is_dense(weights: np.ndarray) -> bool:
@@ -201,9 +204,17 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def call(function, *arguments: np.ndarray | float | None) -> int:
-    """Arrays go as the address of their numbers in C order."""
+    """What a C function returns: arrays go as the address of their numbers in C order, whole numbers as long."""
     kept = [np.ascontiguousarray(a) if isinstance(a, np.ndarray) else a for a in arguments]
-    return function(*[a.__array_interface__["data"][0] if isinstance(a, np.ndarray) else a for a in kept])
+    return function(*map(_passed, kept))
+
+
+def _passed(argument: np.ndarray | float | None):
+    if isinstance(argument, np.ndarray):
+        return ctypes.c_void_p(argument.__array_interface__["data"][0])
+    if isinstance(argument, float):
+        return ctypes.c_double(argument)
+    return None if argument is None else ctypes.c_long(argument)
 
 
 @cache

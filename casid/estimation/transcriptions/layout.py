@@ -77,18 +77,9 @@ def watched(model: Model, layout: Layout, names: tuple[str, ...]) -> tuple[Model
     return cached(model, ("watched", names), build), replace(layout, **everywhere, seen=np.ones((1, len(names))))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Cut:
-    """A record's rows in segments: `row` (samples,) of each sample of them, `live` (segments,) as in `Layout`, `jump`
-    (segments,) the event at the end."""
-
-    row: np.ndarray
-    live: np.ndarray
-    jump: np.ndarray
-
-
-def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> _Cut:
-    """Segments of `interval` rows, new ones at every jump (row, event); padding repeats the row that comes next."""
+def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Segments of `interval` rows, new ones at every jump (row, event); padding repeats the row that comes next. Gives
+    (samples,) the row of each sample of them, (segments,) live as in `Layout`, (segments,) the event at the end."""
     row = []
     live = []
     jump = []
@@ -100,7 +91,7 @@ def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> _Cut:
         live += [interval] * (count - 1) + [last - first - (count - 1) * interval]
         jump += [-1] * (count - 1) + [event]
         first = last
-    return _Cut(row=np.concatenate(row), live=np.array(live), jump=np.array(jump))
+    return np.concatenate(row), np.array(live), np.array(jump)
 
 
 def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> Layout:
@@ -119,29 +110,29 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
     count = 0
     for r, (record, line) in enumerate(zip(problem.records, lines, strict=True)):
         t = _refined(line.t, substeps)
-        cut = _cut(len(t), [(row * substeps, order.index(event)) for row, event in line.jumps], length)
-        segments = len(cut.live)
-        is_live = (np.arange(length) < cut.live[:, None]).ravel()
+        row, live, jump = _cut(len(t), [(at * substeps, order.index(event)) for at, event in line.jumps], length)
+        segments = len(live)
+        is_live = (np.arange(length) < live[:, None]).ravel()
         u, following = _inputs(model, record, line, substeps)
         at = np.empty(len(t), dtype=int)
-        at[cut.row[is_live]] = np.flatnonzero(is_live)
+        at[row[is_live]] = np.flatnonzero(is_live)
         measured = at[substeps * line.sample]
         z = np.full((segments * length, len(model.outputs)), np.nan)
         z[measured] = problem.outputs_of(record)
-        parts["u0"].append(u[cut.row])
-        parts["u1"].append(following[cut.row])
-        parts["dt"].append(np.where(is_live, np.append(np.diff(t), 0.0)[cut.row], 0.0))
+        parts["u0"].append(u[row])
+        parts["u1"].append(following[row])
+        parts["dt"].append(np.where(is_live, np.append(np.diff(t), 0.0)[row], 0.0))
         parts["present"].append(np.isfinite(z))
         parts["z"].append(np.nan_to_num(z, copy=False))
         guess = between_samples(record, line, np.asarray(model.guess(record), dtype=float))
-        parts["guess"].append(_refined(guess, substeps)[cut.row])
+        parts["guess"].append(_refined(guess, substeps)[row])
         per_segment["record"].append(np.full(segments, r))
-        per_segment["live"].append(cut.live)
-        per_segment["jump"].append(cut.jump)
+        per_segment["live"].append(live)
+        per_segment["jump"].append(jump)
         first.append(count)
         tied += range(count, count + segments - 1)
         sample.append(count * length + measured)
-        times.append(t[cut.row])
+        times.append(t[row])
         count += segments
     # one after the other, each without its parts: of a long record they are all there is
     arrays = {k: _together(parts.pop(k), (count, length)) for k in tuple(parts)}

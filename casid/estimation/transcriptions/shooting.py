@@ -228,7 +228,7 @@ class Shooting:
             at = (own, samples)
             size = own.stop - own.start
             if samples.start == 0:
-                s = _identity(size, n, n + len(self._free))
+                s = np.tile(np.eye(n, n + len(self._free)), (size, 1, 1))
                 spread = np.zeros((size, n, n))
             a, b, g, c, d = self._derivatives(trajectory, parameters, own, samples)
             states = np.empty((size, samples.stop - samples.start, *s.shape[1:]))
@@ -274,11 +274,6 @@ def _plan(segments: slice, length: int, lanes: int) -> Iterator[tuple[slice, sli
         for begin in range(0, length, _SLAB_SAMPLES):
             yield slice(first, last), slice(begin, min(begin + _SLAB_SAMPLES, length))
         first = last
-
-
-def _identity(count: int, n: int, nf: int) -> np.ndarray:
-    """(count, n, nf) sensitivity of a state to itself."""
-    return np.tile(np.eye(n, nf), (count, 1, 1))
 
 
 def _chained(later: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -14,30 +14,33 @@ import numpy as np
 from casid.errors import unknown
 from casid.model.built import cached
 from casid.model.feedback import SampledFeedback
-from casid.model.system import Model
+from casid.model.system import Model, runge_kutta
+
+# stages of Runge and Kutta's method: where in the step, and share in sixths of it
+STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
 
 
-def rk4(f: ca.Function, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, *rest: ca.SX) -> ca.SX:
-    """State at the end of the step of duration `dt` [s]; `f(x, u, *rest)` is dx/dt."""
-    um = (u0 + u1) / 2
-    k1 = f(x, u0, *rest)
-    k2 = f(x + dt / 2 * k1, um, *rest)
-    k3 = f(x + dt / 2 * k2, um, *rest)
-    k4 = f(x + dt * k3, u1, *rest)
-    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+def _symbols(model: Model) -> list[ca.SX]:
+    """x, u0, u1, dt, p; those of the model where it has them."""
+    return [model.x, model.u, ca.SX.sym("u1", len(model.inputs)), ca.SX.sym("dt"), model.p]
 
 
-def _advanced(model: Model, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, p: ca.SX) -> ca.SX:
-    """State at the end of the step."""
-    f = dynamics_function(model)
-    return rk4(f, x, u0, u1, dt, p) if model.period is None else ca.if_else(dt > 0.0, f(x, u0, p), x)
+def free_parameters(model: Model, free: Sequence[int] | np.ndarray) -> ca.SX:
+    """The symbols of parameters by their index in the model."""
+    return ca.vertcat(*[model.p[int(i)] for i in free])
 
 
-def _symbols(model: Model) -> tuple[ca.SX, ...]:
-    n = len(model.states)
-    m = len(model.inputs)
-    q = len(model.parameters)
-    return ca.SX.sym("x", n), ca.SX.sym("u0", m), ca.SX.sym("u1", m), ca.SX.sym("dt"), ca.SX.sym("p", q)
+def slopes(model: Model, of: str, free: Sequence[int] | np.ndarray) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """The right-hand side "f" or the outputs "h", without disturbances, and its derivatives in states and free
+    parameters."""
+    value = ca.densify(quiet(model, getattr(model, of)))
+    return value, ca.jacobian(value, model.x), ca.jacobian(value, free_parameters(model, free))
+
+
+def slopes_function(model: Model, of: str, free: Sequence[int] = ()) -> ca.Function:
+    """(x, u, p) -> what `slopes` gives, transposed (numpy row order)."""
+    results = [ca.densify(e.T) for e in slopes(model, of, free)]
+    return ca.Function("slopes", [model.x, model.u, model.p], ca.cse(results))
 
 
 def noise_vector(model: Model, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
@@ -67,12 +70,6 @@ def dynamics_function(model: Model) -> ca.Function:
     return ca.Function("f", [model.x, model.u, model.p], [quiet(model, model.f)])
 
 
-def rates_function(model: Model) -> ca.Function:
-    """(x, u, p) -> df/dx without disturbances, transposed (numpy row order)."""
-    slope = ca.jacobian(quiet(model, model.f), model.x)
-    return ca.Function("rates", [model.x, model.u, model.p], [ca.densify(slope.T)])
-
-
 def output_function(model: Model) -> ca.Function:
     """h(x, u, p) without disturbances."""
     return ca.Function("outputs", [model.x, model.u, model.p], [ca.densify(quiet(model, model.h))])
@@ -83,9 +80,13 @@ def step_function(model: Model, feedback: SampledFeedback | None = None) -> ca.F
 
     def build() -> ca.Function:
         x, u0, u1, dt, p = _symbols(model)
+        f = dynamics_function(model)
         first, last = (feedback.at(x, u0),) * 2 if feedback else (u0, u1)
-        out = ca.densify(_advanced(model, x, first, last, dt, p))
-        return ca.Function("step", [x, u0, u1, dt, p], [ca.cse(out)])
+        if model.period is not None:
+            after = ca.if_else(dt > 0.0, f(x, u0, p), x)
+        else:
+            after = runge_kutta(f, x, (first, (first + last) / 2, last), dt, p)
+        return ca.Function("step", [x, u0, u1, dt, p], [ca.cse(ca.densify(after))])
 
     return cached(model, ("step", feedback), build)
 
@@ -101,21 +102,23 @@ def sample_derivatives(
     """
 
     def build() -> ca.Function:
-        x, u0, u1, dt, p = symbols = _symbols(model)
-        slope = _slope(model, free, noise)
-        if model.period is not None:
-            a, bg = _discrete(slope, len(free), x, u0, dt, p)
-        elif feedback is None:
-            a, bg = _chained_rk4(slope, x, u0, u1, dt, p)
-        else:
-            received = ca.SX.sym("received", u0.shape[0])
-            a, bg = _chained_rk4(slope, x, received, received, dt, p)
-            through = ca.jacobian(rk4(dynamics_function(model), x, received, received, dt, p), received)
-            a += through @ ca.jacobian(feedback.at(x, u0), x)
-            a, bg = ca.substitute([a, bg], [received], [feedback.at(x, u0)])
-        _, c, d = _output_derivatives(model, free)(x, u0, p)
+        symbols, _, stages = _stages(model, free, noise, feedback)
+        a, bg, _ = stages[0]
+        if model.period is None:  # the chain rule through the stages: half the instructions of a blind derivative
+            dt = symbols[3]
+            eye = ca.SX.eye(len(model.states))
+            ks = sum_s = ca.SX(*eye.shape)
+            kq = sum_q = ca.SX(*bg.shape)
+            for (reach, share), (fx, fq, e) in zip(STAGES, stages, strict=True):
+                ks = fx @ (eye + reach * dt * ks) + e
+                kq = fx @ (reach * dt * kq) + fq
+                sum_s = sum_s + share * ks
+                sum_q = sum_q + share * kq
+            a = eye + dt / 6 * sum_s
+            bg = dt / 6 * sum_q
+        _, c, d = slopes(model, "h", free)
         results = [ca.densify(e.T) for e in (a, bg[:, : len(free)], bg[:, len(free) :], c, d)]
-        return ca.Function("derivatives", list(symbols), ca.cse(results))
+        return ca.Function("derivatives", symbols, ca.cse(results))
 
     return cached(model, ("derivatives", tuple(free), noise, feedback), build)
 
@@ -132,74 +135,46 @@ def stage_functions(
     """
 
     def build() -> tuple[ca.Function, ca.Function]:
-        x, u0, u1, dt, p = symbols = _symbols(model)
-        plain = [step_function(model, feedback)(*symbols), output_function(model)(x, u0, p)]
-        law = ca.SX(u0.shape[0], x.shape[0])
-        first = u0
-        last = u1
-        if feedback is not None:
-            first = last = feedback.at(x, u0)
-            law = ca.sparsify(ca.jacobian(first, x))
-        middle = (first + last) / 2
-        slope = _slope(model, free, noise)
-        if model.period is not None:
-            a, bg = _discrete(slope, len(free), x, u0, dt, p)
-            linear = [plain[0], *_output_derivatives(model, free)(x, u0, p), a, bg, law]
-            return (
-                ca.Function("advance", list(symbols), ca.cse(plain)),
-                ca.Function("derive", list(symbols), ca.cse(linear)),
-            )
-        after = x
-        k = ca.SX.zeros(x.shape[0])
-        stages = []
-        for reach, share, u in ((0.0, 1, first), (0.5, 2, middle), (0.5, 2, middle), (1.0, 1, last)):
-            k, fx, fq, fu = slope(x + reach * dt * k, u, p)
-            after += share * dt / 6 * k
-            stages += [fx, fq, ca.sparsify(fu @ law)]
-        linear: list[ca.SX] = [ca.densify(after), *_output_derivatives(model, free)(x, u0, p), *stages]
-        return (
-            ca.Function("advance", list(symbols), ca.cse(plain)),
-            ca.Function("derive", list(symbols), ca.cse(linear)),
-        )
+        symbols, after, stages = _stages(model, free, noise, feedback)
+        outputs = slopes(model, "h", free)
+        plain = [step_function(model, feedback)(*symbols), outputs[0]]
+        linear = [after, *outputs, *(part for stage in stages for part in stage)]
+        return ca.Function("advance", symbols, ca.cse(plain)), ca.Function("derive", symbols, ca.cse(linear))
 
     return cached(model, ("stage functions", tuple(free), noise, feedback), build)
+
+
+def _stages(
+    model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None
+) -> tuple[list[ca.SX], ca.SX, list[tuple[ca.SX, ca.SX, ca.SX]]]:
+    """(x, u0, u1, dt, p) of a sample interval, x at its end, and F, Q, E of its stages, see `stage_functions`."""
+    x, first, last, dt, p = symbols = _symbols(model)
+    slope = _slope(model, free, noise)
+    law = ca.SX(first.shape[0], x.shape[0])
+    if feedback is not None:
+        first = last = feedback.at(x, first)
+        law = ca.sparsify(ca.jacobian(first, x))
+    if model.period is not None:
+        _, fx, fq, _ = slope(x, first, p)
+        goes = ca.if_else(dt > 0.0, 1.0, 0.0)
+        by_state = goes * fx + (1.0 - goes) * ca.SX.eye(x.shape[0])
+        by_free = ca.horzcat(goes * fq[:, : len(free)], ca.sqrt(dt) * fq[:, len(free) :])
+        return symbols, step_function(model)(*symbols), [(by_state, by_free, law)]
+    middle = (first + last) / 2
+    after = x
+    k = ca.SX.zeros(x.shape[0])
+    stages = []
+    for (reach, share), u in zip(STAGES, (first, middle, middle, last), strict=True):
+        k, fx, fq, fu = slope(x + reach * dt * k, u, p)
+        after = after + share * dt / 6 * k
+        stages.append((fx, fq, ca.sparsify(fu @ law)))
+    return symbols, ca.densify(after), stages
 
 
 def _slope(model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...]) -> ca.Function:
     """(x, u, p) -> f, df/dx, df/d(p_free, noise), df/du."""
     v, f = noise_vector(model, noise)
-    q = ca.vertcat(*[model.p[int(i)] for i in free], v)
+    q = ca.vertcat(free_parameters(model, free), v)
     results = (f, ca.jacobian(f, model.x), ca.jacobian(f, q), ca.jacobian(f, model.u))
     quietly = [ca.substitute(e, v, ca.SX.zeros(len(noise))) for e in results]
     return ca.Function("slope", [model.x, model.u, model.p], quietly)
-
-
-def _output_derivatives(model: Model, free: Sequence[int] | np.ndarray) -> ca.Function:
-    """(x, u, p) -> y, C, D."""
-    h = quiet(model, model.h)
-    by_p = ca.jacobian(h, ca.vertcat(*[model.p[int(i)] for i in free]))
-    return ca.Function("outputs", [model.x, model.u, model.p], [ca.densify(h), ca.jacobian(h, model.x), by_p])
-
-
-def _discrete(slope: ca.Function, free: int, x: ca.SX, u0: ca.SX, dt: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Derivatives of the step in discrete time, those of noise times sqrt(dt)."""
-    _, fx, fq, _ = slope(x, u0, p)
-    goes = ca.if_else(dt > 0.0, 1.0, 0.0)
-    return goes * fx + (1.0 - goes) * ca.SX.eye(x.shape[0]), ca.horzcat(goes * fq[:, :free], ca.sqrt(dt) * fq[:, free:])
-
-
-def _chained_rk4(slope: ca.Function, x, u0, u1, dt, p) -> tuple[ca.SX, ca.SX]:
-    """Derivatives of the step by the chain rule through its stages: half the instructions of a blind derivative."""
-    um = (u0 + u1) / 2
-    eye = ca.SX.eye(x.shape[0])
-    k1, a1, b1, _ = slope(x, u0, p)
-    k2, fx, fq, _ = slope(x + dt / 2 * k1, um, p)
-    a2 = fx @ (eye + dt / 2 * a1)
-    b2 = fq + fx @ (dt / 2 * b1)
-    k3, fx, fq, _ = slope(x + dt / 2 * k2, um, p)
-    a3 = fx @ (eye + dt / 2 * a2)
-    b3 = fq + fx @ (dt / 2 * b2)
-    _, fx, fq, _ = slope(x + dt * k3, u1, p)
-    a4 = fx @ (eye + dt * a3)
-    b4 = fq + fx @ (dt * b3)
-    return eye + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4), dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4)

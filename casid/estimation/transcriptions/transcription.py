@@ -13,7 +13,7 @@ from casid.estimation.noise import Huber, StudentT
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
-from casid.estimation.transcriptions.layout import Layout, build_layout
+from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.shooting import Shooting
 from casid.model.system import check_continuous
 
@@ -21,9 +21,7 @@ from casid.model.system import check_continuous
 _NODES = 20_000
 _CELLS = 5_000_000
 _STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
-# of Runge and Kutta's method, and of Radau's
-_EXPLICIT_ORDER = 4
-_IMPLICIT_ORDER = 2 * _STAGES - 1
+_EXPLICIT_ORDER = 4  # of Runge and Kutta's method
 
 
 class Transcription(Protocol):
@@ -67,11 +65,6 @@ class SingleShooting:
         _check_substeps(self.substeps, "SingleShooting")
         require(self.implicit, bool, "SingleShooting: implicit", "implicit=True")
 
-    @property
-    def order(self) -> int:
-        """Return the power of the step with which the error of the integration falls."""
-        return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
-
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
 
@@ -80,10 +73,7 @@ class SingleShooting:
         EstimationError
             For sub-steps with a control law in the loop.
         """
-        layout = build_layout(problem, None, _steps(problem, self.substeps))
-        if self.implicit:
-            return _implicit(problem, layout)
-        return Shooting(problem.model, problem.free_index, layout, {}, problem.feedback)
+        return _shooting(problem, self, None, {})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +121,6 @@ class MultipleShooting:
         for name, intensity in numbers_by_name(noise, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
-    @property
-    def order(self) -> int:
-        """Return the power of the step with which the error of the integration falls."""
-        return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
-
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of `interval` samples.
 
@@ -152,12 +137,9 @@ class MultipleShooting:
                 "solve: with process noise the measurement noise cannot be read off the residuals; "
                 "give Problem(noise={channel: 1-sigma, ...}) or its covariance"
             )
-        layout = build_layout(problem, self.interval, _steps(problem, self.substeps))
-        if self.implicit:
-            if noise:
-                raise EstimationError("solve: process noise takes explicit steps; leave implicit or process_noise out")
-            return _implicit(problem, layout)
-        return Shooting(problem.model, problem.free_index, layout, noise, problem.feedback)
+        if noise and self.implicit:
+            raise EstimationError("solve: process noise takes explicit steps; leave implicit or process_noise out")
+        return _shooting(problem, self, self.interval, noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,11 +175,6 @@ class Collocation:
         _check_substeps(self.substeps, "Collocation")
         if whole(self.degree, "Collocation: degree") > 9:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
-
-    @property
-    def order(self) -> int:
-        """Return the power of the step with which the error of the integration falls."""
-        return 2 * self.degree - 1
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of some samples, whose states are unknowns all the same.
@@ -235,6 +212,12 @@ def as_stepping(method: Transcription) -> Stepping | None:
     return method if isinstance(method, Stepping) else None
 
 
+def order_of(method: Stepping) -> int:
+    """Return the power of the step with which the error of the integration falls."""
+    degree = method.degree if isinstance(method, Collocation) else _STAGES
+    return 2 * degree - 1 if method.implicit else _EXPLICIT_ORDER
+
+
 def is_implicit(method: Transcription) -> bool:
     """Return True if every step of its integration is an equation."""
     return bool(getattr(method, "implicit", False))
@@ -245,17 +228,22 @@ def _check_substeps(substeps: int | None, where: str) -> None:
         whole(substeps, f"{where}: substeps")
 
 
-def _implicit(problem: Problem, layout: Layout) -> Dynamics:
-    """Shooting whose steps are those of Radau's method."""
+def _shooting(
+    problem: Problem, method: SingleShooting | MultipleShooting, interval: int | None, noise: dict[str, float]
+) -> Dynamics:
+    """Shooting over segments of `interval` samples, None: of whole records, whose steps may be those of Radau's
+    method."""
+    steps = method.substeps or 1
+    if steps > 1:
+        check_continuous(problem.model, "solve: substeps")
+        if problem.feedback is not None:
+            raise EstimationError(
+                "solve: a control law acts once per sample, so substeps must be 1 with it in the loop"
+            )
+    layout = build_layout(problem, interval, steps)
+    if not method.implicit:
+        return Shooting(problem.model, problem.free_index, layout, noise, problem.feedback)
     check_continuous(problem.model, "solve: implicit steps")
     if problem.feedback is not None:
         raise EstimationError("solve: a digital control law in the loop takes explicit steps; leave implicit out")
     return LiftedCollocation(problem.model, problem.free_index, layout, _STAGES, lifted=False)
-
-
-def _steps(problem: Problem, substeps: int | None) -> int:
-    if (substeps or 1) > 1:
-        check_continuous(problem.model, "solve: substeps")
-    if problem.feedback is not None and (substeps or 1) > 1:
-        raise EstimationError("solve: a control law acts once per sample, so substeps must be 1 with it in the loop")
-    return substeps or 1
