@@ -125,20 +125,17 @@ def envelope_table(document: Document) -> ReportTable:
         if not len(seen):
             continue
         beyond = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
-        cells = (
-            f"{named(name)} [{channel_scale(name)[1]}]",
-            _range(seen),
-            _range(unseen) if len(unseen) else "–",
-            f"{100.0 * beyond:.0f} % of its samples" if beyond > _OUTSIDE else "–",
-        )
-        rows.append(cells)
-        outside.append(beyond > _OUTSIDE)
-    return ReportTable(
-        head=("quantity", "fitted records", "held-out records", "held out, beyond the fitted range"),
-        rows=rows,
-        marked=where(outside),
-        caption="The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation.",
-    )
+        told = beyond > _OUTSIDE
+        row = {
+            "quantity": f"{named(name)} [{channel_scale(name)[1]}]",
+            "fitted records": _range(seen),
+            "held-out records": _range(unseen) if len(unseen) else "–",
+            "held out, beyond the fitted range": f"{100.0 * beyond:.0f} % of its samples" if told else "–",
+        }
+        rows.append(row)
+        outside.append(told)
+    caption = "The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation."
+    return ReportTable.of(rows, caption, marked=where(outside))
 
 
 def _range(values: np.ndarray) -> str:

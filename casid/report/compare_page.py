@@ -65,23 +65,18 @@ def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
 def table_of_flights(found: Fleet) -> ReportTable:
     """Return a row for each flight."""
     rows = [
-        (
-            one.record,
-            f"{one.duration:.0f}",
-            _error(one.error),
-            f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
-            one.verdict,
-            pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
-        )
+        {
+            "record": one.record,
+            "s": f"{one.duration:.0f}",
+            "error": _error(one.error),
+            "worst channel": f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
+            "estimate": one.verdict,
+            "what differs": pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
+        }
         for one in found.flights
     ]
-    return ReportTable(
-        head=("record", "s", "error", "worst channel", "estimate", "what differs"),
-        rows=rows,
-        marked=where(one.faults or one.changes or one.diverged for one in found.flights),
-        caption="Flown as given, times the noise; estimated from the record alone; and what differs from the other "
-        "flights",
-    )
+    told = "Flown as given, times the noise; estimated from the record alone; and what differs from the other flights"
+    return ReportTable.of(rows, told, marked=where(one.faults or one.changes or one.diverged for one in found.flights))
 
 
 def _value(one: ComparedValue) -> tuple[str, str, str]:

@@ -124,23 +124,20 @@ def write_check(found: DataFindings, folder: str | Path) -> None:
 def _channel_table(found: DataFindings) -> ReportTable:
     suspected = _suspected(found.findings)
     rows = [
-        (
-            f"{row.name} [{pretty(row.unit)}]",
-            *(to_noise(value, row.noise) for value in (row.least, row.median, row.most)),
-            digits(row.noise, 2),
-            digits(row.rate_hz),
-            f"{100.0 * row.missing:.2g} %",
-            str(row.records),
-        )
+        {
+            "channel": f"{row.name} [{pretty(row.unit)}]",
+            "least": to_noise(row.least, row.noise),
+            "median": to_noise(row.median, row.noise),
+            "most": to_noise(row.most, row.noise),
+            "noise 1σ": digits(row.noise, 2),
+            "rate [Hz]": digits(row.rate_hz),
+            "missing": f"{100.0 * row.missing:.2g} %",
+            "records": str(row.records),
+        }
         for row in found.table
     ]
-    return ReportTable(
-        head=("channel", "least", "median", "most", "noise 1σ", "rate [Hz]", "missing", "records"),
-        rows=rows,
-        marked=where(row.name in suspected for row in found.table),
-        caption="Every channel of all records; suspected ones are marked. Noise: what the high band shows as white.",
-        numeric=True,
-    )
+    told = "Every channel of all records; suspected ones are marked. Noise: what the high band shows as white."
+    return ReportTable.of(rows, told, numeric=True, marked=where(row.name in suspected for row in found.table))
 
 
 def write_compatibility(found: Compatibility, folder: str | Path) -> None:
@@ -177,29 +174,23 @@ def _errors(found: Compatibility) -> ReportTable:
     rows = []
     for one in found.errors:
         factor, unit = for_a_person(one.unit)
-        cells = (
-            f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
-            "not determined" if one.stated is None else digits(factor * one.stated),
-            digits(factor * one.std, 2),
-            digits(factor * one.allowed, 2),
-            pretty(unit),
-            "pass" if one.passed else "FAIL",
-        )
-        rows.append(cells)
-    return ReportTable(
-        head=("error", "value", "1σ", "allowed", "unit", "verdict"),
-        rows=rows,
-        marked=where(not one.passed for one in found.errors),
-        caption="Errors of the instruments, measured minus true. An error fails that is clear and larger than allowed.",
-        numeric=True,
-    )
+        row = {
+            "error": f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
+            "value": "not determined" if one.stated is None else digits(factor * one.stated),
+            "1σ": digits(factor * one.std, 2),
+            "allowed": digits(factor * one.allowed, 2),
+            "unit": pretty(unit),
+            "verdict": "pass" if one.passed else "FAIL",
+        }
+        rows.append(row)
+    told = "Errors of the instruments, measured minus true. An error fails that is clear and larger than allowed."
+    return ReportTable.of(rows, told, numeric=True, marked=where(not one.passed for one in found.errors))
 
 
 def _channels_left(found: Compatibility) -> ReportTable:
-    return ReportTable(
-        head=("channel", "left over noise"),
-        rows=[(name, digits(left, 2)) for name, left in found.left.items()],
-        caption="r.m.s. of measured minus reconstructed, over the noise of the channel. Near 1 the measurements agree; "
-        "accelerations are followed more closely, because the forces are free.",
-        numeric=True,
+    rows = [{"channel": name, "left over noise": digits(left, 2)} for name, left in found.left.items()]
+    told = (
+        "r.m.s. of measured minus reconstructed, over the noise of the channel. Near 1 the measurements agree; "
+        "accelerations are followed more closely, because the forces are free."
     )
+    return ReportTable.of(rows, told, numeric=True)

@@ -30,6 +30,12 @@ class ReportTable:
     marked: Collection[int] = ()
     claims: Mapping[int, str] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, str]], caption: str, **others: Any) -> ReportTable:
+        """Return the table of rows that are head -> cell, with the same heads in each."""
+        head = tuple(rows[0]) if rows else ()
+        return cls(head=head, rows=[tuple(row.values()) for row in rows], caption=caption, **others)
+
     def text(self) -> str:
         """Return its rows for a terminal."""
         first, *rest = self.head
