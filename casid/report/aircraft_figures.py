@@ -14,7 +14,6 @@ from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
 from casid.report import looks
 from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, in_rows, stacked
-from casid.report.looks import Look
 from casid.report.sections import ReportTable, where
 from casid.report.words import channel_axis, channel_scale, digits
 from casid.signals import SURFACES
@@ -22,8 +21,8 @@ from casid.signals import SURFACES
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
 _ROW = 0.21  # inches
-_CONSISTENT = Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
-_AGAINST = Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
+_CONSISTENT = looks.Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
+_AGAINST = looks.Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
 
 
 def contradicted_first(document: Document) -> Callable[[Parameter], int]:
@@ -48,8 +47,8 @@ def derivatives(document: Document) -> Picture | None:
     of = document.source
     witness = document.witness
     parts: list[Part] = [
-        Span(look=Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
-        Rule(look=Look(colour=looks.INK), at=0.0),
+        Span(look=looks.Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
+        Rule(look=looks.Look(colour=looks.INK), at=0.0),
     ]
     for y, one in enumerate(order):
         parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
@@ -70,7 +69,7 @@ def derivatives(document: Document) -> Picture | None:
     )
 
 
-def _beside(y: int, one: Parameter, look: Look) -> list[Curve | Note]:
+def _beside(y: int, one: Parameter, look: looks.Look) -> list[Curve | Note]:
     """Return a dot with its 1-sigma, or at the edge an arrow with the number of what is too far off."""
     at = _deviation(one)
     if abs(at) > _FURTHEST:
@@ -161,8 +160,8 @@ def envelope(document: Document) -> Picture | None:
     )
 
 
-_FITTED = Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
-_HELD_OUT = Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
+_FITTED = looks.Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
+_HELD_OUT = looks.Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
 
 
 def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]) -> Panel:

@@ -16,7 +16,6 @@ from casid.records.segments import Segment
 from casid.report import looks, tables
 from casid.report.estimate_figures import file_name, histories
 from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Span, history, stacked
-from casid.report.looks import Look
 from casid.report.result_page import answer_of_faults, write_result
 from casid.report.sections import ReportTable, Section, where
 from casid.report.words import channel_axis, channel_scale, digits, pretty, to_noise
@@ -27,8 +26,8 @@ _HEIGHT = 1.25  # inches per channel
 _APART = 1.0  # s between records on the time axis
 _RECORDED = replace(looks.MEASURED, name="recorded", width=1.0, alpha=0.5)
 _CORRECTED = replace(looks.EXPLAINED, name="corrected", dash="-")
-_LEFT_OUT = Look(name="left out", colour=looks.PINK, dash="", marker=".", size=3.0)
-_MANOEUVRE = Look(name="a manoeuvre", colour=looks.GREEN, alpha=0.18)
+_LEFT_OUT = looks.Look(name="left out", colour=looks.PINK, dash="", marker=".", size=3.0)
+_MANOEUVRE = looks.Look(name="a manoeuvre", colour=looks.GREEN, alpha=0.18)
 
 
 def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged: Sequence[Record]) -> Picture | None:

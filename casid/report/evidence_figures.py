@@ -9,18 +9,17 @@ import numpy as np
 from casid.diagnosis.document import Document, Tried
 from casid.report import looks
 from casid.report.figure import Axis, Bar, Cells, Curve, Figure, Note, Panel, Picture, Rule, Scale, in_rows, stacked
-from casid.report.looks import Look
 from casid.report.words import EVIDENCE, place, pretty, quantity
 
 _MOST_INSTRUMENTS = 16
 _MOST_PLACES = 10
-_NAMED = Look(name="named", colour=looks.BLUE)
-_LESS = Look(name="fitted, explains less", colour=looks.FAINT)
-_SMALL = Look(name="too small to matter, or implausible", colour=looks.GREY, edge=looks.INK, hatch="...")
-_REFUTED = Look(name="refuted by kinematics", colour="#FFFFFF", edge=looks.INK, hatch="////")
-_HELD_OUT = Look(name="the same on held-out records", colour=looks.ORANGE, dash="", marker="D", size=7.0)
-_CLEARED = Look(name="cleared", colour=looks.GREEN)
-_FAILS = Look(name="fails", colour=looks.ORANGE, edge="#FFFFFF", hatch="//")
+_NAMED = looks.Look(name="named", colour=looks.BLUE)
+_LESS = looks.Look(name="fitted, explains less", colour=looks.FAINT)
+_SMALL = looks.Look(name="too small to matter, or implausible", colour=looks.GREY, edge=looks.INK, hatch="...")
+_REFUTED = looks.Look(name="refuted by kinematics", colour="#FFFFFF", edge=looks.INK, hatch="////")
+_HELD_OUT = looks.Look(name="the same on held-out records", colour=looks.ORANGE, dash="", marker="D", size=7.0)
+_CLEARED = looks.Look(name="cleared", colour=looks.GREEN)
+_FAILS = looks.Look(name="fails", colour=looks.ORANGE, edge="#FFFFFF", hatch="//")
 
 
 def ladder(document: Document) -> Picture | None:
@@ -55,7 +54,7 @@ def ladder(document: Document) -> Picture | None:
     )
 
 
-def _look(trial: Tried) -> Look:
+def _look(trial: Tried) -> looks.Look:
     if trial.refuted:
         return _REFUTED
     if not trial.meaningful:
@@ -100,11 +99,9 @@ def missing(document: Document) -> Picture:
         name="missing",
         figure=in_rows(parts, x, [place(s) for s in order], 0.36),
         title="Where something is missing",
-        caption=(
-            "A latent input, an unknown function of time, is added at one port of the signal path at a time. A large "
-            "statistic means that something enters there; neighbouring ports share that of one cause. The rest "
-            "counts as unexplained only if it is large and the model discrepancy cannot explain it either."
-        ),
+        caption="A latent input, an unknown function of time, is added at one port of the signal path at a time. A "
+        "large statistic means that something enters there; neighbouring ports share that of one cause. The rest "
+        "counts as unexplained only if it is large and the model discrepancy cannot explain it either.",
         alt=f"Bar chart of the likelihood-ratio statistic of an unknown input per place; largest before naming: "
         f"{place(order[0])}, {before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
     )
@@ -145,10 +142,8 @@ def kinematic(document: Document) -> Picture | None:
         name="kinematic",
         figure=in_rows(parts, x, order, 0.29),
         title=f"Kinematic check: {cleared}",
-        caption=(
-            "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
-            f"What fails here (hatched) is an instrument or moving air, and nothing else.{drawn}{note}"
-        ),
+        caption="Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
+        f"What fails here (hatched) is an instrument or moving air, and nothing else.{drawn}{note}",
         alt=f"Bar chart of |z| per instrument; {cleared}; the largest is {order[0]} with {best[order[0]][0]:.0f}.",
     )
 
@@ -212,9 +207,7 @@ def ambiguity(document: Document) -> Picture | None:
         name="ambiguity",
         figure=Figure(rows=((panel,),)),
         title="How alike the causes look in these records",
-        caption=(
-            "|cos| of the angle between two fingerprints once the fitted derivatives have explained what they can: 1, "
-            "the two cannot be told apart; 0, they have nothing in common."
-        ),
+        caption="|cos| of the angle between two fingerprints once the fitted derivatives have explained what they "
+        "can: 1, the two cannot be told apart; 0, they have nothing in common.",
         alt=f"Matrix of |cos| between {len(names)} causes; most alike are {names[i]} and {names[j]}, {off[i, j]:.2f}.",
     )

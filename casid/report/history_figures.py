@@ -12,7 +12,6 @@ from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
 from casid.report import estimate_figures, looks
 from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Picture, Span, history, stacked
-from casid.report.looks import Look
 from casid.report.words import channel_axis, channel_scale, pretty
 from casid.signals import label_of
 
@@ -27,7 +26,7 @@ _INPUT_ROW = 0.5
 _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
-_HELD = Look(name="held out: no fit has seen it", colour="#EAF4EE")
+_HELD = looks.Look(name="held out: no fit has seen it", colour="#EAF4EE")
 _LEFT_OUT = looks.FAULT.called("samples left out")
 
 
@@ -104,10 +103,8 @@ def _plane(
         name=f"tracks_{plane}",
         figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"Before and after: {plane} motion in all channels",
-        caption=(
-            f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
-            f"{document.best}. What the blue line still misses of the grey one is not explained."
-        ),
+        caption=f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
+        f"{document.best}. What the blue line still misses of the grey one is not explained.",
         alt=f"Time histories of {', '.join(rows)} in {names}: measured, by the file as given, by the {document.best}.",
     )
 
@@ -190,11 +187,9 @@ def histories(document: Document) -> Picture:
         name="histories",
         figure=Figure(rows=stacked(panels)),
         title=f"Flown again: record {record.name}, which no fit has seen",
-        caption=(
-            "Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
-            f"from the state that fits the first seconds best, and by the {document.best}. {part}The channels that "
-            "differ most."
-        ),
+        caption="Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
+        f"from the state that fits the first seconds best, and by the {document.best}. {part}The channels that "
+        "differ most.",
         alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
         f"and by the {document.best}.",
     )
@@ -319,10 +314,8 @@ def residuals(document: Document) -> Picture:
         name="residuals",
         figure=Figure(rows=stacked(panels)),
         title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
-        caption=(
-            "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "
-            "is noise."
-        ),
+        caption="Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey "
+        "band is noise.",
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
         f"{document.best} explains of them, and what is left.",
     )

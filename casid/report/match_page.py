@@ -21,7 +21,6 @@ from casid.records.channel_faults import stretches
 from casid.report import looks
 from casid.report.estimate_figures import file_name
 from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
-from casid.report.looks import Look
 from casid.report.result_page import BAD, GOOD
 from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
@@ -31,14 +30,14 @@ from casid.signals import SURFACES, label_of
 
 _LINES = {GIVEN: looks.GIVEN, EXTENDED: looks.EXTENDED}
 _FLIGHT = replace(looks.MEASURED, width=2.6, alpha=0.45)
-_TOLERANCE = Look(name="tolerance", colour=looks.GREY)
+_TOLERANCE = looks.Look(name="tolerance", colour=looks.GREY)
 _SURFACES = {
-    name: Look(name=label_of(name), colour=colour, width=1.1)
+    name: looks.Look(name=label_of(name), colour=colour, width=1.1)
     for name, colour in zip(SURFACES, (looks.GREEN, looks.PINK, looks.YELLOW), strict=True)
 }
-_CORRECTED = Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
-_DRIVEN = Look(colour=looks.GREEN, width=1.1)
-_BEGIN = Look(colour=looks.FAINT, width=0.9, dash=":")
+_CORRECTED = looks.Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
+_DRIVEN = looks.Look(colour=looks.GREEN, width=1.1)
+_BEGIN = looks.Look(colour=looks.FAINT, width=0.9, dash=":")
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 

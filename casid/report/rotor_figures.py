@@ -11,7 +11,6 @@ from casid.model.rotors import acting, effectiveness, thrust_of
 from casid.model.station import control
 from casid.report import looks
 from casid.report.figure import Axis, Curve, Figure, Note, Panel, Part, Picture, stacked
-from casid.report.looks import Look
 from casid.report.words import digits
 
 
@@ -43,10 +42,12 @@ def rotors_from_above(document: Document) -> Picture | None:
         value, std = (cause.value, cause.std) if cause else (extended / one.effectiveness - 1.0, says.std)
         changed = 100.0 * value
         wide = 100.0 * std / (1.0 if cause else one.effectiveness)
-        look = Look(colour=looks.ORANGE if cause or name in against else looks.BLUE, width=2.0)
+        look = looks.Look(colour=looks.ORANGE if cause or name in against else looks.BLUE, width=2.0)
         arm = max(1.0 - 0.42 * size / max(math.hypot(x, y), 1e-9), 0.0)
         parts.append(
-            Curve(look=Look(colour=looks.FAINT, width=3.0), x=np.array([0.0, arm * x]), y=np.array([0.0, arm * y]))
+            Curve(
+                look=looks.Look(colour=looks.FAINT, width=3.0), x=np.array([0.0, arm * x]), y=np.array([0.0, arm * y])
+            )
         )
         circle = x + 0.42 * size * np.cos(turn), y + 0.42 * size * np.sin(turn)
         parts.append(Curve(look=look, x=circle[0], y=circle[1]))
@@ -60,8 +61,10 @@ def rotors_from_above(document: Document) -> Picture | None:
         low = min(low, y)
         high = max(high, y)
     top = high + 0.62 * size
-    parts.append(Curve(look=Look(colour=looks.INK), x=np.zeros(2), y=np.array([top - 0.4 * size, top - 0.1 * size])))
-    tip = Look(colour=looks.INK, dash="", marker="^", size=7.0)
+    parts.append(
+        Curve(look=looks.Look(colour=looks.INK), x=np.zeros(2), y=np.array([top - 0.4 * size, top - 0.1 * size]))
+    )
+    tip = looks.Look(colour=looks.INK, dash="", marker="^", size=7.0)
     parts.append(Curve(look=tip, x=np.zeros(1), y=np.array([top - 0.1 * size])))
     parts.append(Note(text="front", x=0.0, y=top + 0.04 * size, align="center"))
     panel = Panel(
