@@ -104,7 +104,8 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
     chosen = _liveliest(histories)
     panels = []
     for one in chosen:
-        named = (Curve(look=_PUT_THERE, x=one.t, y=_centred(one.named, one.mean, wind)),) if curve else ()
+        unseen = np.mean(one.mean) - np.mean(one.named) if wind else 0.0  # a steady wind is not seen
+        named = (Curve(look=_PUT_THERE, x=one.t, y=one.named + unseen),) if curve else ()
         parts = (
             Band(look=looks.DEVIATION, x=one.t, low=one.mean - 2 * one.sigma, high=one.mean + 2 * one.sigma),
             Rule(look=looks.ZERO, at=0.0, axis="y"),
@@ -198,11 +199,6 @@ def _liveliest(histories: Sequence[History]) -> list[History]:
     return [one for one in histories if one in largest]
 
 
-def _centred(curve: np.ndarray, mean: np.ndarray, wind: bool) -> np.ndarray:
-    """A steady wind is not seen; the curve is shown with the mean of the reconstruction."""
-    return curve - np.mean(curve) + np.mean(mean) if wind else curve
-
-
 _MAX_ONSETS = 4
 
 
@@ -210,11 +206,10 @@ def onset(cause: ReportedCause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
     if not cause.onset_s or not cause.onsets:
         return None
-    profiles = cause.onsets
-    records = [name for name in profiles if name in cause.onset_s][:_MAX_ONSETS]
+    records = [name for name in cause.onsets if name in cause.onset_s][:_MAX_ONSETS]
     panels = []
     for name in records:
-        t, statistic = profiles[name]
+        t, statistic = cause.onsets[name]
         low, high = cause.onset_s[name]
         middle = 0.5 * (low + high)
         parts = (
@@ -249,8 +244,8 @@ def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
     answer = cause.answer
     if answer is None or answer.flight.usable.sum() < _LEAST:
         return None
-    models = {looks.GIVEN: answer.given, looks.EXTENDED.called(document.best): answer.extended}
-    shown = {name: response for name, response in models.items() if response is not None}
+    shown = {} if answer.given is None else {looks.GIVEN: answer.given}
+    shown[looks.EXTENDED.called(document.best)] = answer.extended
     flight = answer.flight
     gain, phase = gain_and_phase(flight, shown)
     view = document.as_given

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from casid.acceptance.compared import ComparedValue, Comparison, flight_pair, named, value_pair
 from casid.acceptance.fleet import Fleet
-from casid.report.sections import Bar, Bars, ReportTable, of_rows, where
+from casid.report.sections import Bars, ReportTable, of_rows, where
 from casid.report.words import digits, pretty
 
 
@@ -26,18 +26,15 @@ def bars_of_flights(found: Fleet) -> Bars:
 def _bars(caption: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[float]]]) -> Bars:
     """Lay values out on one logarithmic scale from half of the noise; what diverges fills its row."""
     finite = [value for _, values in rows for value in values if math.isfinite(value) and value > 0.0]
-    low, high = math.log(0.5), math.log(max([2.0, *finite]))
+    low = math.log(0.5)
+    high = math.log(max([2.0, *finite]))
 
     def width(value: float) -> float:
-        if math.isnan(value):
-            return 0.0
-        return 100.0 * min(max((math.log(max(value, 0.5)) - low) / (high - low), 0.01), 1.0)
+        share = (math.log(max(value, 0.5)) - low) / (high - low)
+        return 0.0 if math.isnan(value) else 100.0 * min(max(share, 0.01), 1.0)
 
-    return Bars(
-        caption=caption,
-        names=tuple(names),
-        rows=tuple((name, tuple(Bar(text=_error(v), width=width(v)) for v in values)) for name, values in rows),
-    )
+    drawn = [(name, [(_error(value), width(value)) for value in values]) for name, values in rows]
+    return Bars(caption=caption, names=names, rows=drawn)
 
 
 def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:

@@ -30,18 +30,18 @@ def ladder(document: Document) -> Picture | None:
     several = len({one.round for one in rows}) > 1
     asked = document.criteria.naming
     bars = [Bar(look=_look(one), at=y, low=1.0, high=max(one.statistic, 1.0)) for y, one in enumerate(rows)]
-    held_out = {y: _held_out(document, one) or 0.0 for y, one in enumerate(rows) if one.named}
-    held_out = {y: value for y, value in held_out.items() if value > 0.0}
+    held_out = {y: gain for y, one in enumerate(rows) if one.named and (gain := _held_out(document, one)) > 0.0}
     dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
     least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked.gain)
     most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
     parts = (*bars, *([dots] if held_out else []), least)
     x = Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most)
-    best = rows[0]
-    name = pretty(rows[0].title)
+    names = [
+        f"{f'{one.round}. ' if several else ''}{pretty(one.title)} ({quantity(one.value, one.unit)})" for one in rows
+    ]
     return Picture(
         name="ladder",
-        figure=in_rows(parts, x, [_row_name(one, several) for one in rows], 0.34),
+        figure=in_rows(parts, x, names, 0.34),
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
@@ -49,8 +49,8 @@ def ladder(document: Document) -> Picture | None:
             "small further terms could explain as well does not count. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
-        alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is {name} with "
-        f"{best.statistic:.0f}.",
+        alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is "
+        f"{pretty(rows[0].title)} with {rows[0].statistic:.0f}.",
     )
 
 
@@ -62,16 +62,11 @@ def _look(trial: Tried) -> looks.Look:
     return _NAMED if trial.named else _LESS
 
 
-def _row_name(one: Tried, several: bool) -> str:
-    return f"{f'{one.round}. ' if several else ''}{pretty(one.title)} ({quantity(one.value, one.unit)})"
-
-
-def _held_out(document: Document, trial: Tried) -> float | None:
-    """2 Δ ln L on the held-out records of the cause that this trial became."""
-    cause = next((c for c in (*document.causes, *document.minor) if c.key == trial.key), None)
-    if cause is None or cause.held_out_gain is None:
-        return None
-    return 2.0 * cause.held_out_gain * document.held_out_extended.samples
+def _held_out(document: Document, trial: Tried) -> float:
+    """2 Δ ln L on the held-out records of the cause that this trial became; 0 where it was not judged there."""
+    cause = next((one for one in (*document.causes, *document.minor) if one.key == trial.key), None)
+    gain = cause.held_out_gain if cause else None
+    return 2.0 * (gain or 0.0) * document.held_out_extended.samples
 
 
 def missing(document: Document) -> Picture:
@@ -82,12 +77,13 @@ def missing(document: Document) -> Picture:
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     extended = bool(document.causes)
-    sides = [(looks.GIVEN.called("re-estimated model, without causes"), before)]
-    sides += [(looks.EXTENDED.called("extended model"), after)] if extended else []
+    sides = {looks.GIVEN.called("re-estimated model, without causes"): before}
+    if extended:
+        sides[looks.EXTENDED.called("extended model")] = after
     height = 0.76 / len(sides)
     parts: list[Bar | Note] = [
         Bar(look=look, at=y + (k - 0.5 * (len(sides) - 1)) * height, low=1.0, high=max(values[s], 1.0), height=height)
-        for k, (look, values) in enumerate(sides)
+        for k, (look, values) in enumerate(sides.items())
         for y, s in enumerate(order)
     ]
     for station in unexplained:

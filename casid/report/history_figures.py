@@ -294,20 +294,19 @@ def residuals(document: Document) -> Picture:
     channels = [before.outputs[i] for i in np.argsort(-drop)[:3]]
     r = worst_record(before, channels)
     record = before.records[r]
-    n = len(record)
+    drawn = {
+        replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"): before.residual,
+        looks.EXPLAINED.called(f"explained by the {document.best}"): after.output - before.output,
+        looks.EXTENDED.called("left after it"): after.residual,
+    }
     panels = []
     for channel in channels:
-        i = before.outputs.index(channel)
+        at = slice(len(record)), r, before.outputs.index(channel)
         noise = before.channels[channel].noise
-        wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
-        explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
-        left = smooth(after.residual[:n, r, i] / noise, record.dt)
-        parts = (
-            Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"),
-            Curve(look=replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
-            Curve(look=looks.EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
-            Curve(look=looks.EXTENDED.called("left after it"), x=record.t, y=left),
-        )
+        curves = [
+            Curve(look=look, x=record.t, y=smooth(values[at] / noise, record.dt)) for look, values in drawn.items()
+        ]
+        parts = (Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"), *curves)
         title = f"{label_of(channel)} {channel}"
         panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
     return Picture(

@@ -147,7 +147,6 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
         "colour": GOOD if proof.passed else BAD,
         "justified": _justified([one for one in rationales if one], len(proof.lost)),
         "proof": proof,
-        "loop": _loop(proof),
         "summary": _summary(proof),
         "left_out": _left_out(proof),
         "tests": [_page(one, why, figures) for one, why in explained],
@@ -155,16 +154,6 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
         "sentence": proof.sentence,
     }
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
-
-
-def _loop(proof: ProofOfMatch) -> str:
-    if not proof.closed_loop:
-        return "Open loop: the recorded surfaces and thrust drive the simulation, which starts at the measured state."
-    return (
-        "Closed loop: small corrections of the surfaces towards the measured attitude and rates are added to the "
-        "recorded ones, no larger than 1 deg of elevator and rudder and 2 deg of aileron. The simulation starts at the "
-        "measured state."
-    )
 
 
 def _summary(proof: ProofOfMatch) -> ReportTable:

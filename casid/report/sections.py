@@ -59,20 +59,15 @@ def where(flags: Iterable[object]) -> set[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bar:
-    """A bar of a row: its number in words, and its width in per cent of the row."""
-
-    text: str
-    width: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Bars:
-    """Rows of bars, one for each of `names`, on a common scale."""
+    """Rows of bars, one for each of `names`, on a common scale.
+
+    A row has its name and the bars: each its number in words, and its width in per cent of the row.
+    """
 
     caption: str
-    names: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Bar, ...]], ...]
+    names: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[tuple[str, float]]]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
