@@ -148,25 +148,21 @@ def write_compatibility(found: Compatibility, folder: str | Path) -> None:
         "The measurements are compatible: no error of an instrument is clear and larger than allowed.",
         [*([air] if found.moving_air else []), *([found.wind.sentence] if found.wind else [])],
     )
+    names = list(found.left)
+    times = {record.name: record.t for record in found.records}
+    figures = [
+        histories(name, times[name], names, measured, {"reconstructed": found.reconstructed[name]})
+        for name, measured in found.measured.items()
+        if np.isfinite(measured).any()
+    ]
     parts = [
         _errors(found),
-        *compatibility_figures(found),
+        *figures,
         _channels_left(found),
         Section(title="Not judged", parts=(found.not_judged,), open=True),
     ]
     title = f"Compatibility of the measurements: {', '.join(record.name for record in found.records)}"
     write_result(folder, "compatibility", title, answer, parts, "compatibility_figures")
-
-
-def compatibility_figures(found: Compatibility) -> list[Picture]:
-    """Measured and reconstructed histories of every record."""
-    names = list(found.left)
-    times = {record.name: record.t for record in found.records}
-    return [
-        histories(name, times[name], names, measured, {"reconstructed": found.reconstructed[name]})
-        for name, measured in found.measured.items()
-        if np.isfinite(measured).any()
-    ]
 
 
 def _errors(found: Compatibility) -> ReportTable:

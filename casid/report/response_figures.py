@@ -157,14 +157,17 @@ def _unused(flight: FrequencyResponse) -> list[Span]:
 
 def _nearest_turn(angle: np.ndarray, flight: FrequencyResponse) -> np.ndarray:
     """Return a phase [deg] moved by whole turns to where that of flight is."""
-    used = flight.usable if flight.usable.any() else np.ones(len(angle), dtype=bool)
-    return angle + 360.0 * np.round(np.median((flight.phase_deg - angle)[used]) / 360.0)
+    return angle + 360.0 * np.round(np.median((flight.phase_deg - angle)[_used(flight)]) / 360.0)
+
+
+def _used(flight: FrequencyResponse) -> np.ndarray:
+    """Return where a response is usable; everywhere if it is nowhere."""
+    return flight.usable | (not flight.usable.any())
 
 
 def _limits(flight: FrequencyResponse, curves: list[np.ndarray]) -> tuple[float | None, float | None]:
     """Return limits that show what is usable; low coherence has no say."""
-    used = flight.usable if flight.usable.any() else np.ones(len(flight.omega), dtype=bool)
-    values = np.concatenate([curve[used] for curve in curves])
+    values = np.concatenate([curve[_used(flight)] for curve in curves])
     values = values[np.isfinite(values)]
     if not len(values):
         return None, None
