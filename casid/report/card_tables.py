@@ -15,13 +15,12 @@ _NOTHING = 0.005  # of the larger end of a range
 
 def card_tables(card: FlightCard) -> list[ReportTable]:
     """Return the trim, the movements with their times, and the expected motion with its limits."""
-    return [_trim(card), _movements(card), _expected(card)]
+    return [table for table in (_trim(card), _movements(card), _expected(card)) if table.rows]
 
 
 def card_in_words(card: FlightCard) -> str:
     """Return the card as text, a line per row."""
-    tables = (table for table in card_tables(card) if table.rows)
-    return "\n\n".join(f"{table.caption}\n{indent(table.text(), '  ')}" for table in tables)
+    return "\n\n".join(f"{table.caption}\n{indent(table.text(), '  ')}" for table in card_tables(card))
 
 
 def _named(card: FlightCard, name: str) -> str:
