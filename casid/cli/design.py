@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ from casid.design import Experiment, InputDesign, Multisine, StepInput, design_i
 from casid.design.flight_card import FlightCard, flight_card
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
 from casid.design.separation import NoManoeuvre, separating_manoeuvre
-from casid.diagnosis.document import NextStep
+from casid.diagnosis.document import Called, NextStep
 from casid.errors import InputError
 from casid.frames import Rows
 from casid.model.aircraft import Aircraft
@@ -24,8 +24,10 @@ from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of, effect_value
 from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
+from casid.records.record import Record
 from casid.report.card_tables import card_in_words, card_tables
 from casid.report.design_figures import designed_histories, separated
+from casid.report.figure import Picture
 from casid.report.folder import results
 from casid.report.progress import progress
 from casid.report.result_page import Answer, in_numbers, write_result
@@ -97,75 +99,78 @@ def design(
     )
     with results(out, seed) as folder, progress(quiet=as_json) as stage:
         if separate is not None:
-            told, said = _separating(file, separate, limits, (folder, out, aircraft), stage)
+            found = _separating(file, separate, limits, stage)
         else:
-            experiment = experiment_of(file, axes, limits, free or ())
-            told, said = _telling(experiment, (shape, criterion, seed), (folder, out, aircraft), stage)
-        text = write_json(told, folder / "design.json")
-    print(text if as_json else said)
+            found = _telling(experiment_of(file, axes, limits, free or ()), shape, criterion, seed, stage)
+        for name, record in found.records.items():
+            write_record(record, folder / f"{name}.csv")
+        name, record = list(found.records.items())[-1]
+        card = flight_card(record, found.experiment)
+        (folder / "autopilot.csv").write_text(card.to_csv(), encoding="utf-8")
+        answer = answer_of(card, found.gain, called_by([str(out / f"{name}.csv")], (), aircraft, out))
+        numbers = [in_numbers(found.numbers)] if found.numbers else []
+        write_result(folder, "design", found.title, answer, [*card_tables(card), found.picture, *numbers])
+        text = write_json(found.content | {"card": card.to_dict()}, folder / "design.json")
+    said = (str(answer), card_in_words(card), found.numbers)
+    print(text if as_json else "\n\n".join(filter(None, said)))
 
 
-def _telling(
-    experiment: Experiment, how: tuple[str, str, int], where: tuple[Path, Path, Path], stage: Callable[[str], None]
-) -> tuple[dict[str, Any], str]:
-    """Content of design.json and the words of the most informative manoeuvre.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Designed:
+    """What was designed: an experiment and its records, the last of which is to be flown; the gain in a sentence, and
+    what the page, design.json and the terminal have of it beside the flight card."""
 
-    `how`: shape, criterion, seed; `where`: the folder, its final name, the aircraft file.
-    """
-    shape, criterion, seed = how
-    folder = where[0]
+    experiment: Experiment
+    records: Mapping[str, Record]
+    gain: str
+    title: str
+    picture: Picture
+    content: dict[str, Any]
+    numbers: str = ""
+
+
+def _telling(experiment: Experiment, shape: str, criterion: str, seed: int, stage: Callable[[str], None]) -> Designed:
+    """Design the most informative manoeuvre, beside the standard one."""
     stage("standard 3-2-1-1")
     designs = {"3-2-1-1": standard_3211(experiment, criterion=criterion)}
     stage(f"design: {shape}")
     designs[shape] = design_input(experiment, SHAPES[shape], criterion=criterion, seed=seed)
-    for name, one in designs.items():
-        write_record(one.record, folder / f"{name}.csv")
-    shown = [*experiment.surfaces, *experiment.limits]
-    histories = designed_histories("design", {name: one.record for name, one in designs.items()}, shown)
+    records = {name: one.record for name, one in designs.items()}
     ratios = [designs[shape].std[name] / std for name, std in designs["3-2-1-1"].std.items() if std > 0.0]
     ratio = math.exp(float(np.mean(np.log(ratios)))) if ratios else math.nan
-    card = flight_card(designs[shape].record, experiment)
-    gain = f"1σ of the {len(ratios)} derivatives is on average {digits(ratio, 2)} times that of a standard 3-2-1-1."
-    answer = _with_card(card, gain, shape, where)
-    said = table(designs, shape)
-    parts = [*card_tables(card), histories, in_numbers(said)]
-    write_result(folder, "design", f"Designed manoeuvre: {shape}", answer, parts)
-    told = document(experiment, designs) | {"card": card.to_dict()}
-    return told, f"{answer}\n\n{card_in_words(card)}\n\n{said}"
+    return Designed(
+        experiment=experiment,
+        records=records,
+        gain=f"1σ of the {len(ratios)} derivatives is on average {digits(ratio, 2)} times that of a standard 3-2-1-1.",
+        title=f"Designed manoeuvre: {shape}",
+        picture=designed_histories("design", records, [*experiment.surfaces, *experiment.limits]),
+        content=document(experiment, designs),
+        numbers=table(designs, shape),
+    )
 
 
-def _with_card(card: FlightCard, gain: str, record: str, where: tuple[Path, Path, Path]) -> Answer:
-    """Write the command for an autopilot, and return what the page begins with: what is flown and what it gains."""
-    folder, out, aircraft = where
-    (folder / "autopilot.csv").write_text(card.to_csv(), encoding="utf-8")
+def answer_of(card: FlightCard, gain: str, called: Called) -> Answer:
+    """Return what the page begins with: what is flown, what it gains, and what to do next."""
     moved = ", ".join(
         f"{label_of(name)} by up to {digits(float(np.abs(card.command[:, k]).max()), 2)} {card.units[name]}"
         for k, name in enumerate(card.inputs, 1)
     )
-    called = called_by([str(out / f"{record}.csv")], (), aircraft, out)
     isolate = (
         f"casid isolate --aircraft {called.aircraft} --manoeuvre {called.records} --out {called.inside('isolate')}"
     )
+    fly = f"Fly the card below; an autopilot flies {called.inside('autopilot.csv')}, changes from trim."
     return Answer(
         badge="Flight card",
         sentence=f"From level flight, move {moved}, in {card.duration:.1f} s. {gain}",
         next=(
-            NextStep(
-                text=f"Fly the card below; an autopilot flies {called.inside('autopilot.csv')}, changes from trim."
-            ),
+            NextStep(text=fly),
             NextStep(text="Before that, see which causes the flight would tell apart:", command=isolate),
         ),
     )
 
 
-def _separating(
-    file: Aircraft,
-    separate: Sequence[str],
-    limits: Limits,
-    where: tuple[Path, Path, Path],
-    stage: Callable[[str], None],
-) -> tuple[dict[str, Any], str]:
-    """Content of design.json and the words of the manoeuvre that separates two causes."""
+def _separating(file: Aircraft, separate: Sequence[str], limits: Limits, stage: Callable[[str], None]) -> Designed:
+    """Design the manoeuvre that separates two causes."""
     if len(separate) != 2:
         raise InputError(f"--separate {' '.join(separate)}: expected two causes, like 'actuator_lag(delta_e)=0.1'")
     first, second = (effect_value(text) for text in separate)
@@ -179,29 +184,28 @@ def _separating(
     found = separating_manoeuvre(rivals, experiment)
     if isinstance(found, NoManoeuvre):
         raise InputError(f"--separate: {found.reason}")
-    write_record(found.flown, where[0] / "next_flight.csv")
-    card = flight_card(found.flown, experiment)
-    told = {
-        "schema": "casid.design/1",
-        "separate": list(separate),
-        "manoeuvre": {
-            "surface": found.manoeuvre.surface,
-            "shape": found.manoeuvre.words,
-            "amplitude_rad": found.amplitude,
-        },
-        "limits": dict(experiment.limits),
-        "noise": dict(rivals.noise),
-        "log_odds": found.separation.log_odds,
-        "log_odds_scatter": found.separation.scatter,
-        "told_by": dict(found.separation.told),
-        "card": card.to_dict(),
-    }
     expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
-    said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}"
-    title = f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}"
-    answer = _with_card(card, said, "next_flight", where)
-    write_result(where[0], "design", title, answer, [*card_tables(card), separated(found, rivals)])
-    return told, f"{answer}\n\n{card_in_words(card)}"
+    return Designed(
+        experiment=experiment,
+        records={"next_flight": found.flown},
+        gain=f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}",
+        title=f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}",
+        picture=separated(found, rivals),
+        content={
+            "schema": "casid.design/1",
+            "separate": list(separate),
+            "manoeuvre": {
+                "surface": found.manoeuvre.surface,
+                "shape": found.manoeuvre.words,
+                "amplitude_rad": found.amplitude,
+            },
+            "limits": dict(experiment.limits),
+            "noise": dict(rivals.noise),
+            "log_odds": found.separation.log_odds,
+            "log_odds_scatter": found.separation.scatter,
+            "told_by": dict(found.separation.told),
+        },
+    )
 
 
 def _in_words(value: EffectValue) -> str:

@@ -126,13 +126,10 @@ def diagnose(
     made_with = provenance() | {"criteria": by.changes}
     called = called_by([*patterns, *held], maps, file, out)
     course = Course(stages=_COURSE, limit=math.inf if seconds is None else seconds / (1.0 - dict(_COURSE)["report"]))
-    if system is not None:
-        diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by, seconds=seconds)
-        _write(diagnosed, _of_system, made_with, called, as_json, course)
-        return
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False, "seconds": seconds}
-    diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
-    results = partial(_of_aircraft, file=file, shapes=shapes)
+    given = Aircraft.read(file) if system is None else system
+    diagnosed = partial(diagnosis_of.diagnose, given, fitted, held_out, **choices)
+    results = partial(_of_aircraft, file=file, shapes=shapes) if system is None else _of_system
     _write(diagnosed, results, made_with, called, as_json, course)
 
 

@@ -23,7 +23,6 @@ from casid.cli.options import (
     called_by,
     records_of,
     require_words,
-    say_idle_effects,
     shared_and_biases,
 )
 from casid.cli.results import write_json
@@ -113,9 +112,8 @@ def estimate(
     if cost == "filter" and (method != "multiple" or interval is not None):
         raise InputError("--cost filter has a state at every sample; leave --method and --interval out")
     file = aircraft_of(aircraft)
-    read = records_of(records, maps, span=(begin, end))
+    read = records_of(records, maps, span=(begin, end), flown_by=[file])
     require_flight(read, "estimate")
-    say_idle_effects([file], read)
     if axes is None:
         _say_left_out(file, read)
     with results(out) as folder, progress(quiet=as_json) as stage:

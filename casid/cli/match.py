@@ -10,19 +10,7 @@ from cyclopts import Parameter
 
 from casid.acceptance.match import proof_of_match
 from casid.acceptance.proof import ProofOfMatch
-from casid.cli.options import (
-    AsJson,
-    Axes,
-    Files,
-    Flag,
-    Folder,
-    Maps,
-    Records,
-    aircraft_of,
-    records_of,
-    require_words,
-    say_idle_effects,
-)
+from casid.cli.options import AsJson, Axes, Files, Flag, Folder, Maps, Records, aircraft_of, records_of, require_words
 from casid.cli.results import tell
 from casid.errors import InputError
 from casid.report.folder import provenance, write_provenance
@@ -77,8 +65,7 @@ def match(
     if pdf and out is None:
         raise InputError("--pdf: there is no folder for match.pdf; give --out DIR")
     files = [aircraft_of(file) for file in aircraft]
-    read = records_of(records, maps)
-    say_idle_effects(files, read)
+    read = records_of(records, maps, flown_by=files)
     proof = proof_of_match(
         files[0],
         read,

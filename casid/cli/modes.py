@@ -15,9 +15,8 @@ from casid.acceptance.handbook import Handbook, flight_point, handbook, usual_sp
 from casid.acceptance.parameters import known_by_document, known_by_file
 from casid.acceptance.steady import SteadyFlight
 from casid.acceptance.theil import Theil, theil
-from casid.cli.options import AsJson, Files, Folder, Maps, records_of, require_words, say_idle_effects
+from casid.cli.options import AsJson, Files, Folder, Maps, fleet, records_of, require_words
 from casid.cli.results import write_json
-from casid.cli.simulate import fleet
 from casid.model.aircraft import Aircraft
 from casid.records.limits import read_json, sound
 from casid.report.folder import results
@@ -62,7 +61,7 @@ def modes(
     files = fleet(aircraft)
     first = next(iter(files))
     point = flight_point(files[first], V, altitude, None) | {"climb_angle": math.radians(climb_deg)}
-    read = records_of(record, maps) if record else []
+    read = records_of(record, maps, flown_by=files.values()) if record else []
     with results(out) as folder:
         found: dict[str, Handbook] = {}
         for label, one in files.items():
@@ -93,7 +92,6 @@ def document(found: dict[str, Handbook], compared: dict[str, dict[str, dict[str,
 
 def _theil(files: dict[str, Aircraft], read: Sequence[Any]) -> dict[str, dict[str, dict[str, Theil]]]:
     """Record -> label -> channel -> Theil."""
-    say_idle_effects(files.values(), read)
     by_label = {label: theil(one, read) for label, one in files.items()}
     for label, by_record in by_label.items():
         for name in (name for name, channels in by_record.items() if not channels):

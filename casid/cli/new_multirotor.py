@@ -37,29 +37,28 @@ def multirotor_text(name: str, count: int, mass: float, arm: float) -> str:
     square = mass * arm**2
     inertia = f"{{ Ixx = {_ROLL * square:.4g}, Iyy = {_ROLL * square:.4g}, Izz = {_YAW * square:.4g}, Ixz = 0.0 }}"
     thrust = mass * _GRAVITY / count / _HOVER**2
-    lines = [
-        "# A multirotor of casid: SI units and radians. 'typical' marks a guess to be replaced.",
-        "[aircraft]",
-        f"name = {tomlkit.item(name).as_string()}",
-        f"mass = {mass:g} # kg",
-        f"inertia = {inertia} # kg m2, typical",
-        "",
-        "[rotors]",
-        f"thrust = [0.0, 0.0, {thrust:.4g}] # N by powers of the command, 0 to 1: hover at half of it, typical",
-        f"torque = {_TORQUE * arm:.4g} # N m of reaction per N of thrust, typical",
-        f"lag = {_LAG} # s from command to thrust, typical",
-        "relative_uncertainty = 0.2 # of the effectiveness of each rotor",
-        "",
-        "# the motors of an X frame as PX4 and ArduPilot number them; other firmware: move the names",
-    ]
+    text = f"""\
+# A multirotor of casid: SI units and radians. 'typical' marks a guess to be replaced.
+[aircraft]
+name = {tomlkit.item(name).as_string()}
+mass = {mass:g} # kg
+inertia = {inertia} # kg m2, typical
+
+[rotors]
+thrust = [0.0, 0.0, {thrust:.4g}] # N by powers of the command, 0 to 1: hover at half of it, typical
+torque = {_TORQUE * arm:.4g} # N m of reaction per N of thrust, typical
+lag = {_LAG} # s from command to thrust, typical
+relative_uncertainty = 0.2 # of the effectiveness of each rotor
+
+# the motors of an X frame as PX4 and ArduPilot number them; other firmware: move the names
+"""
     for i, (degrees, spin) in enumerate(_FRAMES[count], start=1):
         x = arm * math.cos(math.radians(degrees))
         y = arm * math.sin(math.radians(degrees))
-        lines += [
-            "",
-            "[[rotors.each]]",
-            f'name = "m{i}" # the input channel too',
-            f"position = [{x:.4g}, {y:.4g}, 0.0] # m from the c.g.: x forward, y right, z down",
-            f"spin = {spin} # sign of the reaction torque about z (down): 1 turns counterclockwise from above",
-        ]
-    return "\n".join(lines) + "\n"
+        text += f"""
+[[rotors.each]]
+name = "m{i}" # the input channel too
+position = [{x:.4g}, {y:.4g}, 0.0] # m from the c.g.: x forward, y right, z down
+spin = {spin} # sign of the reaction torque about z (down): 1 turns counterclockwise from above
+"""
+    return text

@@ -72,8 +72,10 @@ def records_of(
     maps: Sequence[str] | None,
     own: Sequence[str] = (),
     span: tuple[float | None, float | None] = (None, None),
+    flown_by: Iterable[Aircraft] = (),
 ) -> list[Record]:
-    """The records of files or glob patterns, their columns named by ``--map``; what their reader remarks is said.
+    """The records of files or glob patterns, their columns named by ``--map``; what their reader remarks is said, and
+    which effects of the aircraft that fly them do nothing here.
 
     `own`: channels of no aircraft; `span`: values of ``--from`` and ``--to``.
     """
@@ -82,6 +84,7 @@ def records_of(
     patterns = [one for one in patterns if not _is_map(one)]
     records = read_records(patterns, ColumnMap.from_options(maps), own=own, between=between(*span))
     say_notes(records)
+    _say_idle_effects(flown_by, records)
     return records
 
 
@@ -117,7 +120,17 @@ def aircraft_of(file: str | Path) -> Aircraft:
     return aircraft
 
 
-def say_idle_effects(aircraft: Iterable[Aircraft], records: Sequence[Record]) -> None:
+def fleet(files: Sequence[str | Path]) -> dict[str, Aircraft]:
+    """Label -> aircraft; the label is the file's name without ending, with its folder where that is not enough."""
+    paths = [Path(file) for file in files]
+    stems = [path.stem for path in paths]
+    labels = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}-{p.stem}" for p in paths]
+    if len(set(labels)) < len(labels):
+        raise InputError(f"--aircraft: two files are called '{labels[0]}'; give them different names")
+    return {label: aircraft_of(path) for label, path in zip(labels, paths, strict=True)}
+
+
+def _say_idle_effects(aircraft: Iterable[Aircraft], records: Sequence[Record]) -> None:
     """Say which effects of files are of records alone that are not among these, and do nothing here."""
     here = {record.name for record in records}
     for effect in (effect for one in aircraft for effect in one.effects):

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, require_words, say_idle_effects
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, fleet, records_of, require_words
 from casid.cli.results import write_json
-from casid.cli.simulate import fleet
 from casid.errors import InputError
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
@@ -72,8 +71,7 @@ def response(
     bounds = MismatchEnvelope.read(envelope) if envelope is not None else None
     files = fleet(aircraft or [])
     others = tuple(other or ())
-    read = records_of(records, maps, own=(input, *output, *others))
-    say_idle_effects(files.values(), read)
+    read = records_of(records, maps, own=(input, *output, *others), flown_by=files.values())
     with results(out) as folder:
         models = {label: linear_model(one, read, axes=axes, outputs=output) for label, one in files.items()}
         flown = [

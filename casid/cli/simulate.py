@@ -10,25 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from casid.acceptance.fleet import fly
-from casid.cli.options import (
-    AsJson,
-    Axes,
-    Begin,
-    End,
-    Files,
-    Folder,
-    Maps,
-    Records,
-    aircraft_of,
-    records_of,
-    require_words,
-    say_idle_effects,
-)
+from casid.cli.options import AsJson, Axes, Begin, End, Files, Folder, Maps, Records, fleet, records_of, require_words
 from casid.cli.results import write_json
-from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.frames import Rows
-from casid.model.aircraft import Aircraft
 from casid.model.flown_records import FlownRecords, flown_records
 from casid.records.readers import write_record
 from casid.records.record import Record
@@ -36,8 +21,8 @@ from casid.report.estimate_figures import file_name, histories
 from casid.report.figure import Picture
 from casid.report.folder import results
 from casid.report.result_page import Answer, in_numbers, write_result
-from casid.report.words import digits, shown_unit
-from casid.signals import SURFACES, unit_of
+from casid.report.words import channel_scale, digits
+from casid.signals import SURFACES
 
 FOLLOWED = 0.9  # R2 from which a channel counts as followed; the sentence states it
 
@@ -67,16 +52,14 @@ def simulate(
     """
     require_words(records, "RECORD", "simulate RECORD ... --aircraft FILE ...")
     files = fleet(aircraft)
-    read = records_of(records, maps, span=(begin, end))
-    say_idle_effects(files.values(), read)
+    read = records_of(records, maps, span=(begin, end), flown_by=files.values())
     applied = {label: flown_records(one, read, axes) for label, one in files.items()}
     with results(out) as folder:
         found = {}
         pictures = []
         for i, record in enumerate(read):
             flown, found[record.name] = _fly_all(applied, i, record, folder)
-            drawn = picture(record, flown)
-            pictures += [drawn] if drawn else []
+            pictures.append(picture(record, flown))
         text = write_json({"schema": "casid.simulate/1", "records": found}, folder / "simulate.json")
         answer = answer_of(found)
         parts = [*pictures, in_numbers(table(found))]
@@ -103,16 +86,6 @@ def _fly_all(
     return flown, results
 
 
-def fleet(files: Sequence[str | Path]) -> dict[str, Aircraft]:
-    """Label -> aircraft; the label is the file's name without ending, with its folder where that is not enough."""
-    paths = [Path(file) for file in files]
-    stems = [path.stem for path in paths]
-    labels = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}-{p.stem}" for p in paths]
-    if len(set(labels)) < len(labels):
-        raise InputError(f"--aircraft: two files are called '{labels[0]}'; give them different names")
-    return {label: aircraft_of(path) for label, path in zip(labels, paths, strict=True)}
-
-
 def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[str, dict[str, float]]:
     """Channel -> rms, R2, theil, samples."""
     return {
@@ -125,9 +98,8 @@ def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[
 def picture(record: Record, flown: dict[str, tuple[FlownRecords, np.ndarray]]) -> Picture | None:
     """Measured against all aircraft, the channels that all of them model, and below them the inputs that moved."""
     models = [applied.model for applied, _ in flown.values()]
-    names = (
-        [o for o in models[0].outputs if o in record and all(o in model.outputs for model in models)] if models else []
-    )
+    outputs = models[0].outputs if models else ()
+    names = [o for o in outputs if o in record and all(o in model.outputs for model in models)]
     if not names:
         return None
     curves = {
@@ -157,15 +129,15 @@ def _followed(label: str, results: dict[str, dict]) -> str:
         for r, row in rows.items()
         if r not in lost
         for c, one in row.items()
+        if math.isfinite(one["R2"])
     ]
-    cells = [one for one in cells if math.isfinite(one[0])]
     diverges = f"diverges in {', '.join(lost)}; " if lost else ""
     if not cells:
         return f"{diverges}no channel can be compared."
     least = {channel: min(r2 for r2, _, c, _ in cells if c == channel) for _, _, channel, _ in cells}
     count = sum(one >= FOLLOWED for one in least.values())
     r2, rms, channel, record = min(cells)
-    factor, unit = shown_unit(unit_of(channel))
+    factor, unit = channel_scale(channel)
     size = f"{digits(factor * rms)} {unit}".strip()
     return (
         f"{diverges}{count} of {len(least)} channels are followed in every record (R2 at least {FOLLOWED:g}); "
@@ -181,7 +153,7 @@ def table(results: dict[str, dict]) -> str:
         heads = [f"r.m.s. {label}" for label in found] + [f"R2 {label}" for label in found]
         rows = []
         for channel in dict.fromkeys(c for one in found.values() for c in one):
-            factor, unit = shown_unit(unit_of(channel))
+            factor, unit = channel_scale(channel)
             sizes = [factor * one[channel]["rms"] if channel in one else None for one in found.values()]
             shares = [one[channel]["R2"] if channel in one else None for one in found.values()]
             rows.append((f"{channel} [{unit}]", *sizes, *shares))

@@ -48,7 +48,8 @@ def why(
 def _summary(trace: Trace, claims: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yield the claims, and one line for each cause."""
     for one in claims:
-        yield f"{'stated' if one['said'] else 'not stated'}: {one['statement']}{_because(one)}"
+        because = f": {one['because']}" if one["because"] else ""  # of a claim that is not made
+        yield f"{'stated' if one['said'] else 'not stated'}: {one['statement']}{because}"
     yield trace.summary()
     yield _STATISTIC
 
@@ -59,8 +60,3 @@ def _told(trace: Trace, whole: Trace) -> Iterator[str]:
         yield f"{one.title}. {whole.reason(one)}".strip()
         yield f"{one}\n"
     yield _STATISTIC
-
-
-def _because(claim: Mapping[str, str]) -> str:
-    """The reason why a claim is not made; empty if it is."""
-    return f": {claim['because']}" if claim["because"] else ""

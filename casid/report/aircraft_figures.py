@@ -14,7 +14,6 @@ from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
 from casid.report import looks
 from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, in_rows, stacked
-from casid.report.looks import Look
 from casid.report.sections import ReportTable, where
 from casid.report.words import channel_axis, channel_scale, digits
 from casid.signals import SURFACES
@@ -22,8 +21,8 @@ from casid.signals import SURFACES
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
 _ROW = 0.21  # inches
-_CONSISTENT = Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
-_AGAINST = Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
+_CONSISTENT = looks.Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
+_AGAINST = looks.Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
 
 
 def contradicted_first(document: Document) -> Callable[[Parameter], int]:
@@ -48,8 +47,8 @@ def derivatives(document: Document) -> Picture | None:
     of = document.source
     witness = document.witness
     parts: list[Part] = [
-        Span(look=Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
-        Rule(look=Look(colour=looks.INK), at=0.0),
+        Span(look=looks.Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
+        Rule(look=looks.Look(colour=looks.INK), at=0.0),
     ]
     for y, one in enumerate(order):
         parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
@@ -70,7 +69,7 @@ def derivatives(document: Document) -> Picture | None:
     )
 
 
-def _beside(y: int, one: Parameter, look: Look) -> list[Curve | Note]:
+def _beside(y: int, one: Parameter, look: looks.Look) -> list[Curve | Note]:
     """Return a dot with its 1-sigma, or at the edge an arrow with the number of what is too far off."""
     at = _deviation(one)
     if abs(at) > _FURTHEST:
@@ -125,20 +124,17 @@ def envelope_table(document: Document) -> ReportTable:
         if not len(seen):
             continue
         beyond = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
-        cells = (
-            f"{named(name)} [{channel_scale(name)[1]}]",
-            _range(seen),
-            _range(unseen) if len(unseen) else "–",
-            f"{100.0 * beyond:.0f} % of its samples" if beyond > _OUTSIDE else "–",
-        )
-        rows.append(cells)
-        outside.append(beyond > _OUTSIDE)
-    return ReportTable(
-        head=("quantity", "fitted records", "held-out records", "held out, beyond the fitted range"),
-        rows=rows,
-        marked=where(outside),
-        caption="The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation.",
-    )
+        told = beyond > _OUTSIDE
+        row = {
+            "quantity": f"{named(name)} [{channel_scale(name)[1]}]",
+            "fitted records": _range(seen),
+            "held-out records": _range(unseen) if len(unseen) else "–",
+            "held out, beyond the fitted range": f"{100.0 * beyond:.0f} % of its samples" if told else "–",
+        }
+        rows.append(row)
+        outside.append(told)
+    caption = "The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation."
+    return ReportTable.of(rows, caption, marked=where(outside))
 
 
 def _range(values: np.ndarray) -> str:
@@ -164,8 +160,8 @@ def envelope(document: Document) -> Picture | None:
     )
 
 
-_FITTED = Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
-_HELD_OUT = Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
+_FITTED = looks.Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
+_HELD_OUT = looks.Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
 
 
 def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]) -> Panel:

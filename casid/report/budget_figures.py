@@ -10,17 +10,16 @@ import numpy as np
 from casid.diagnosis.given.budget import Budget, BudgetSteps
 from casid.report import looks
 from casid.report.figure import Axis, Bar, Figure, Note, Panel, Picture, Rule
-from casid.report.looks import Look
 from casid.report.svg import shown
 
 # what is taken away between one step and the next, in the order of the waterfall
-_DROPS: Mapping[Look, tuple[str, str]] = {
-    Look(name="data", colour=looks.YELLOW): ("as_given", "data_mended"),
-    Look(name="values of the file", colour=looks.ORANGE): ("data_mended", "values"),
-    Look(name="structure (causes)", colour=looks.BLUE): ("values", "structure"),
-    Look(name="unexplained", colour=looks.FAINT): ("structure", "noise"),
+_DROPS: Mapping[looks.Look, tuple[str, str]] = {
+    looks.Look(name="data", colour=looks.YELLOW): ("as_given", "data_mended"),
+    looks.Look(name="values of the file", colour=looks.ORANGE): ("data_mended", "values"),
+    looks.Look(name="structure (causes)", colour=looks.BLUE): ("values", "structure"),
+    looks.Look(name="unexplained", colour=looks.FAINT): ("structure", "noise"),
 }
-_WORSE = Look(name="a step that makes it worse", colour="#FFFFFF", edge=looks.PINK, hatch="////")
+_WORSE = looks.Look(name="a step that makes it worse", colour="#FFFFFF", edge=looks.PINK, hatch="////")
 # height of a bar in rows, and of a row in inches
 _BAR = 0.21
 _ROW = 0.42
@@ -60,15 +59,11 @@ def budget(found: Budget) -> Picture:
         name="budget",
         figure=Figure(rows=((panel,),)),
         title=f"From the simulation as given to the noise, on {names} (held out)",
-        caption=(
-            "Each bar is the part of the error that one step removes: correcting the data, re-estimating the values of "
-            "the file, adding the named causes. Grey is unexplained. The number is the error as given."
-        ),
-        alt=(
-            f"Waterfall of the error per channel over the noise. All channels: {together.as_given:.3g} as given, "
-            f"{together.data_mended:.3g} with the data corrected, {together.values:.3g} with values re-estimated, "
-            f"{together.structure:.3g} with causes; worst as given: {order[0]}."
-        ),
+        caption="Each bar is the part of the error that one step removes: correcting the data, re-estimating the "
+        "values of the file, adding the named causes. Grey is unexplained. The number is the error as given.",
+        alt=f"Waterfall of the error per channel over the noise. All channels: {together.as_given:.3g} as given, "
+        f"{together.data_mended:.3g} with the data corrected, {together.values:.3g} with values re-estimated, "
+        f"{together.structure:.3g} with causes; worst as given: {order[0]}.",
     )
 
 

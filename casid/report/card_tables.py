@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from textwrap import indent
 
 from casid.acceptance.compared import named
@@ -16,13 +15,12 @@ _NOTHING = 0.005  # of the larger end of a range
 
 def card_tables(card: FlightCard) -> list[ReportTable]:
     """Return the trim, the movements with their times, and the expected motion with its limits."""
-    return [_trim(card), *_movements(card), _expected(card)]
+    return [table for table in (_trim(card), _movements(card), _expected(card)) if table.rows]
 
 
 def card_in_words(card: FlightCard) -> str:
     """Return the card as text, a line per row."""
-    tables = (table for table in card_tables(card) if table.rows)
-    return "\n\n".join(f"{table.caption}\n{indent(table.text(), '  ')}" for table in tables)
+    return "\n\n".join(f"{table.caption}\n{indent(table.text(), '  ')}" for table in card_tables(card))
 
 
 def _named(card: FlightCard, name: str) -> str:
@@ -31,41 +29,34 @@ def _named(card: FlightCard, name: str) -> str:
 
 
 def _trim(card: FlightCard) -> ReportTable:
-    rows = [(_named(card, name), digits(value)) for name, value in card.trim.items()]
-    return ReportTable(head=("before", "value"), rows=rows, caption="Trimmed level flight, held for 5 s", numeric=True)
+    rows = [{"before": _named(card, name), "value": digits(value)} for name, value in card.trim.items()]
+    return ReportTable.of(rows, "Trimmed level flight, held for 5 s", numeric=True)
 
 
-def _movements(card: FlightCard) -> Iterator[ReportTable]:
-    if not card.movements:
-        return
+def _movements(card: FlightCard) -> ReportTable:
+    def change(value: float) -> str:
+        return f"{round(value, 1) + 0.0:+.1f}".replace("-", "−")
+
     rows = [
-        (f"{one.t:.2f}", *(f"{round(one.change[name], 1) + 0.0:+.1f}".replace("-", "−") for name in card.inputs))
+        {"from t [s]": f"{one.t:.2f}", **{_named(card, name): change(one.change[name]) for name in card.inputs}}
         for one in card.movements
     ]
-    yield ReportTable(
-        head=("from t [s]", *(_named(card, name) for name in card.inputs)),
-        rows=rows,
-        caption=f"Move, as changes from trim, each held until the next line; the end is at {card.duration:.1f} s",
-        numeric=True,
-    )
+    told = f"Move, as changes from trim, each held until the next line; the end is at {card.duration:.1f} s"
+    return ReportTable.of(rows, told, numeric=True)
 
 
 def _expected(card: FlightCard) -> ReportTable:
     rows = [
-        (
-            _named(card, one.channel),
-            f"{_short(one.least, one)} to {_short(one.most, one)}",
-            f"±{digits(one.limit, 2)}" if math.isfinite(one.limit) else "–",
-        )
+        {
+            "channel": _named(card, one.channel),
+            "expected": f"{_short(one.least, one)} to {_short(one.most, one)}",
+            "limit": f"±{digits(one.limit, 2)}" if math.isfinite(one.limit) else "–",
+        }
         for one in card.expected
     ]
-    return ReportTable(
-        head=("channel", "expected", "limit"),
-        rows=rows,
-        caption="What to expect, as changes from trim; end the manoeuvre beyond the limit",
-        numeric=True,
-        marked=where(math.isfinite(one.limit) for one in card.expected),
-    )
+    limited = where(math.isfinite(one.limit) for one in card.expected)
+    told = "What to expect, as changes from trim; end the manoeuvre beyond the limit"
+    return ReportTable.of(rows, told, numeric=True, marked=limited)
 
 
 def _short(value: float, of: Expected) -> str:

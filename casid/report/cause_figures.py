@@ -14,7 +14,6 @@ from casid.model.terms import bare, parse_term
 from casid.report import looks
 from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Picture, Rule, Span, history, stacked
 from casid.report.history_figures import compared, telling_window, worst_record
-from casid.report.looks import Look
 from casid.report.response_figures import gain_and_phase
 from casid.report.statements import numbered
 from casid.report.words import EVIDENCE, place, pretty, pretty_term, shown_unit
@@ -22,8 +21,8 @@ from casid.signals import label_of, unit_of
 
 _STEPS = 11
 _MAX_RECORDS = 3
-_MEANS = Look(name="their mean in steps, ±2σ", colour=looks.INK, dash="", marker="o", size=6.0)
-_NAMED = Look(name="the named term", colour=looks.BLUE, width=2.5)
+_MEANS = looks.Look(name="their mean in steps, ±2σ", colour=looks.INK, dash="", marker="o", size=6.0)
+_NAMED = looks.Look(name="the named term", colour=looks.BLUE, width=2.5)
 _PUT_THERE = looks.EXPLAINED.called("what the named causes put there")
 _RECONSTRUCTED = looks.EXTENDED.called("reconstructed, form unknown")
 
@@ -62,11 +61,9 @@ def shape(cause: ReportedCause) -> Picture | None:
         name="shape",
         figure=Figure(rows=((panel,),)),
         title=f"The missing {where} follows {of}",
-        caption=(
-            f"Dots: an unknown {cause.target}(t), reconstructed from the records before any cause was named and "
-            "without knowing its form, less the changes of the other derivatives. Line: the term that was named, with "
-            "its fitted factor."
-        ),
+        caption=f"Dots: an unknown {cause.target}(t), reconstructed from the records before any cause was named and "
+        "without knowing its form, less the changes of the other derivatives. Line: the term that was named, with "
+        "its fitted factor.",
         alt=f"Scatter of the reconstructed missing {where} over {of}; the curve of the named term "
         "runs through the dots.",
     )
@@ -93,11 +90,9 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
             name=numbered("unexplained_shape", number),
             figure=Figure(rows=((panel,),)),
             title=f"The missing {one.coefficient} has the shape of {depends}",
-            caption=(
-                f"A smooth curve through what is missing in the fitted records. On held-out records it leaves "
-                f"{100.0 / one.held_out:.0f} % of the missing {one.coefficient}. It describes what is missing and "
-                "names no cause; its straight line is shared with the derivatives."
-            ),
+            caption=f"A smooth curve through what is missing in the fitted records. On held-out records it leaves "
+            f"{100.0 / one.held_out:.0f} % of the missing {one.coefficient}. It describes what is missing and "
+            "names no cause; its straight line is shared with the derivatives.",
             alt=f"Curve of the missing {one.coefficient} over {one.over}, with a band of two deviations.",
         )
 
@@ -109,7 +104,8 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
     chosen = _liveliest(histories)
     panels = []
     for one in chosen:
-        named = (Curve(look=_PUT_THERE, x=one.t, y=_centred(one.named, one.mean, wind)),) if curve else ()
+        unseen = np.mean(one.mean) - np.mean(one.named) if wind else 0.0  # a steady wind is not seen
+        named = (Curve(look=_PUT_THERE, x=one.t, y=one.named + unseen),) if curve else ()
         parts = (
             Band(look=looks.DEVIATION, x=one.t, low=one.mean - 2 * one.sigma, high=one.mean + 2 * one.sigma),
             Rule(look=looks.ZERO, at=0.0, axis="y"),
@@ -124,10 +120,8 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
         name=name,
         figure=Figure(rows=stacked(panels), linked=False, alike=True),
         title=f"What is missing enters {entering} {where}",
-        caption=(
-            f"An unknown time history of the {where} that would make simulation and measurement agree, reconstructed "
-            "without knowing its form."
-        ),
+        caption=f"An unknown time history of the {where} that would make simulation and measurement agree, "
+        "reconstructed without knowing its form.",
         alt=f"Reconstructed missing {where} over time in {len(chosen)} records, with its uncertainty"
         + (" and the history that the named causes put there." if curve else "."),
     )
@@ -140,7 +134,7 @@ def wind(document: Document) -> Picture | None:
         return None
     record = gusts.record
     sigma = gusts.sigma
-    named = Look(name=f"± r.m.s. of the turbulence, {sigma:.2g} m/s", colour="#FBE3D0")
+    named = looks.Look(name=f"± r.m.s. of the turbulence, {sigma:.2g} m/s", colour="#FBE3D0")
     panels = [
         Panel(
             parts=(
@@ -157,10 +151,8 @@ def wind(document: Document) -> Picture | None:
         name="wind",
         figure=Figure(rows=stacked(panels), alike=True),
         title=f"The air moves (record {record.name})",
-        caption=(
-            "Most likely gust velocities, given the extended model and everything that was measured. Their r.m.s. was "
-            "named from kinematics, which hold whatever the aerodynamics are."
-        ),
+        caption="Most likely gust velocities, given the extended model and everything that was measured. Their r.m.s. "
+        "was named from kinematics, which hold whatever the aerodynamics are.",
         alt=f"Reconstructed gust velocity along three axes over time in record {record.name}, with a band of the named "
         f"r.m.s. velocity, {sigma:.2g} m/s.",
     )
@@ -207,11 +199,6 @@ def _liveliest(histories: Sequence[History]) -> list[History]:
     return [one for one in histories if one in largest]
 
 
-def _centred(curve: np.ndarray, mean: np.ndarray, wind: bool) -> np.ndarray:
-    """A steady wind is not seen; the curve is shown with the mean of the reconstruction."""
-    return curve - np.mean(curve) + np.mean(mean) if wind else curve
-
-
 _MAX_ONSETS = 4
 
 
@@ -219,16 +206,17 @@ def onset(cause: ReportedCause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
     if not cause.onset_s or not cause.onsets:
         return None
-    profiles = cause.onsets
-    records = [name for name in profiles if name in cause.onset_s][:_MAX_ONSETS]
+    records = [name for name in cause.onsets if name in cause.onset_s][:_MAX_ONSETS]
     panels = []
     for name in records:
-        t, statistic = profiles[name]
+        t, statistic = cause.onsets[name]
         low, high = cause.onset_s[name]
         middle = 0.5 * (low + high)
         parts = (
-            Span(look=Look(name="95 % interval of the onset", colour=looks.YELLOW, alpha=0.35), low=low, high=high),
-            Rule(look=Look(colour=looks.INK), at=middle),
+            Span(
+                look=looks.Look(name="95 % interval of the onset", colour=looks.YELLOW, alpha=0.35), low=low, high=high
+            ),
+            Rule(look=looks.Look(colour=looks.INK), at=middle),
             Curve(look=looks.EXTENDED.called("evidence, the size being fitted"), x=t, y=statistic),
         )
         title = f"{name}: {middle:.1f} s (between {low:.1f} and {high:.1f} s)"
@@ -256,8 +244,8 @@ def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
     answer = cause.answer
     if answer is None or answer.flight.usable.sum() < _LEAST:
         return None
-    models = {looks.GIVEN: answer.given, looks.EXTENDED.called(document.best): answer.extended}
-    shown = {name: response for name, response in models.items() if response is not None}
+    shown = {} if answer.given is None else {looks.GIVEN: answer.given}
+    shown[looks.EXTENDED.called(document.best)] = answer.extended
     flight = answer.flight
     gain, phase = gain_and_phase(flight, shown)
     view = document.as_given

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from casid.acceptance.compared import ComparedValue, Comparison, flight_pair, named, value_pair
 from casid.acceptance.fleet import Fleet
-from casid.report.sections import Bar, Bars, ReportTable, of_rows, where
+from casid.report.sections import Bars, ReportTable, of_rows, where
 from casid.report.words import digits, pretty
 
 
@@ -26,18 +26,15 @@ def bars_of_flights(found: Fleet) -> Bars:
 def _bars(caption: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[float]]]) -> Bars:
     """Lay values out on one logarithmic scale from half of the noise; what diverges fills its row."""
     finite = [value for _, values in rows for value in values if math.isfinite(value) and value > 0.0]
-    low, high = math.log(0.5), math.log(max([2.0, *finite]))
+    low = math.log(0.5)
+    high = math.log(max([2.0, *finite]))
 
     def width(value: float) -> float:
-        if math.isnan(value):
-            return 0.0
-        return 100.0 * min(max((math.log(max(value, 0.5)) - low) / (high - low), 0.01), 1.0)
+        share = (math.log(max(value, 0.5)) - low) / (high - low)
+        return 0.0 if math.isnan(value) else 100.0 * min(max(share, 0.01), 1.0)
 
-    return Bars(
-        caption=caption,
-        names=tuple(names),
-        rows=tuple((name, tuple(Bar(text=_error(v), width=width(v)) for v in values)) for name, values in rows),
-    )
+    drawn = [(name, [(_error(value), width(value)) for value in values]) for name, values in rows]
+    return Bars(caption=caption, names=names, rows=drawn)
 
 
 def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
@@ -65,23 +62,18 @@ def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
 def table_of_flights(found: Fleet) -> ReportTable:
     """Return a row for each flight."""
     rows = [
-        (
-            one.record,
-            f"{one.duration:.0f}",
-            _error(one.error),
-            f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
-            one.verdict,
-            pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
-        )
+        {
+            "record": one.record,
+            "s": f"{one.duration:.0f}",
+            "error": _error(one.error),
+            "worst channel": f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
+            "estimate": one.verdict,
+            "what differs": pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
+        }
         for one in found.flights
     ]
-    return ReportTable(
-        head=("record", "s", "error", "worst channel", "estimate", "what differs"),
-        rows=rows,
-        marked=where(one.faults or one.changes or one.diverged for one in found.flights),
-        caption="Flown as given, times the noise; estimated from the record alone; and what differs from the other "
-        "flights",
-    )
+    told = "Flown as given, times the noise; estimated from the record alone; and what differs from the other flights"
+    return ReportTable.of(rows, told, marked=where(one.faults or one.changes or one.diverged for one in found.flights))
 
 
 def _value(one: ComparedValue) -> tuple[str, str, str]:

@@ -16,7 +16,6 @@ from casid.records.segments import Segment
 from casid.report import looks, tables
 from casid.report.estimate_figures import file_name, histories
 from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Span, history, stacked
-from casid.report.looks import Look
 from casid.report.result_page import answer_of_faults, write_result
 from casid.report.sections import ReportTable, Section, where
 from casid.report.words import channel_axis, channel_scale, digits, pretty, to_noise
@@ -27,8 +26,8 @@ _HEIGHT = 1.25  # inches per channel
 _APART = 1.0  # s between records on the time axis
 _RECORDED = replace(looks.MEASURED, name="recorded", width=1.0, alpha=0.5)
 _CORRECTED = replace(looks.EXPLAINED, name="corrected", dash="-")
-_LEFT_OUT = Look(name="left out", colour=looks.PINK, dash="", marker=".", size=3.0)
-_MANOEUVRE = Look(name="a manoeuvre", colour=looks.GREEN, alpha=0.18)
+_LEFT_OUT = looks.Look(name="left out", colour=looks.PINK, dash="", marker=".", size=3.0)
+_MANOEUVRE = looks.Look(name="a manoeuvre", colour=looks.GREEN, alpha=0.18)
 
 
 def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged: Sequence[Record]) -> Picture | None:
@@ -124,23 +123,20 @@ def write_check(found: DataFindings, folder: str | Path) -> None:
 def _channel_table(found: DataFindings) -> ReportTable:
     suspected = _suspected(found.findings)
     rows = [
-        (
-            f"{row.name} [{pretty(row.unit)}]",
-            *(to_noise(value, row.noise) for value in (row.least, row.median, row.most)),
-            digits(row.noise, 2),
-            digits(row.rate_hz),
-            f"{100.0 * row.missing:.2g} %",
-            str(row.records),
-        )
+        {
+            "channel": f"{row.name} [{pretty(row.unit)}]",
+            "least": to_noise(row.least, row.noise),
+            "median": to_noise(row.median, row.noise),
+            "most": to_noise(row.most, row.noise),
+            "noise 1σ": digits(row.noise, 2),
+            "rate [Hz]": digits(row.rate_hz),
+            "missing": f"{100.0 * row.missing:.2g} %",
+            "records": str(row.records),
+        }
         for row in found.table
     ]
-    return ReportTable(
-        head=("channel", "least", "median", "most", "noise 1σ", "rate [Hz]", "missing", "records"),
-        rows=rows,
-        marked=where(row.name in suspected for row in found.table),
-        caption="Every channel of all records; suspected ones are marked. Noise: what the high band shows as white.",
-        numeric=True,
-    )
+    told = "Every channel of all records; suspected ones are marked. Noise: what the high band shows as white."
+    return ReportTable.of(rows, told, numeric=True, marked=where(row.name in suspected for row in found.table))
 
 
 def write_compatibility(found: Compatibility, folder: str | Path) -> None:
@@ -152,9 +148,16 @@ def write_compatibility(found: Compatibility, folder: str | Path) -> None:
         "The measurements are compatible: no error of an instrument is clear and larger than allowed.",
         [*([air] if found.moving_air else []), *([found.wind.sentence] if found.wind else [])],
     )
+    names = list(found.left)
+    times = {record.name: record.t for record in found.records}
+    figures = [
+        histories(name, times[name], names, measured, {"reconstructed": found.reconstructed[name]})
+        for name, measured in found.measured.items()
+        if np.isfinite(measured).any()
+    ]
     parts = [
         _errors(found),
-        *compatibility_figures(found),
+        *figures,
         _channels_left(found),
         Section(title="Not judged", parts=(found.not_judged,), open=True),
     ]
@@ -162,44 +165,27 @@ def write_compatibility(found: Compatibility, folder: str | Path) -> None:
     write_result(folder, "compatibility", title, answer, parts, "compatibility_figures")
 
 
-def compatibility_figures(found: Compatibility) -> list[Picture]:
-    """Measured and reconstructed histories of every record."""
-    names = list(found.left)
-    times = {record.name: record.t for record in found.records}
-    return [
-        histories(name, times[name], names, measured, {"reconstructed": found.reconstructed[name]})
-        for name, measured in found.measured.items()
-        if np.isfinite(measured).any()
-    ]
-
-
 def _errors(found: Compatibility) -> ReportTable:
     rows = []
     for one in found.errors:
         factor, unit = for_a_person(one.unit)
-        cells = (
-            f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
-            "not determined" if one.stated is None else digits(factor * one.stated),
-            digits(factor * one.std, 2),
-            digits(factor * one.allowed, 2),
-            pretty(unit),
-            "pass" if one.passed else "FAIL",
-        )
-        rows.append(cells)
-    return ReportTable(
-        head=("error", "value", "1σ", "allowed", "unit", "verdict"),
-        rows=rows,
-        marked=where(not one.passed for one in found.errors),
-        caption="Errors of the instruments, measured minus true. An error fails that is clear and larger than allowed.",
-        numeric=True,
-    )
+        row = {
+            "error": f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
+            "value": "not determined" if one.stated is None else digits(factor * one.stated),
+            "1σ": digits(factor * one.std, 2),
+            "allowed": digits(factor * one.allowed, 2),
+            "unit": pretty(unit),
+            "verdict": "pass" if one.passed else "FAIL",
+        }
+        rows.append(row)
+    told = "Errors of the instruments, measured minus true. An error fails that is clear and larger than allowed."
+    return ReportTable.of(rows, told, numeric=True, marked=where(not one.passed for one in found.errors))
 
 
 def _channels_left(found: Compatibility) -> ReportTable:
-    return ReportTable(
-        head=("channel", "left over noise"),
-        rows=[(name, digits(left, 2)) for name, left in found.left.items()],
-        caption="r.m.s. of measured minus reconstructed, over the noise of the channel. Near 1 the measurements agree; "
-        "accelerations are followed more closely, because the forces are free.",
-        numeric=True,
+    rows = [{"channel": name, "left over noise": digits(left, 2)} for name, left in found.left.items()]
+    told = (
+        "r.m.s. of measured minus reconstructed, over the noise of the channel. Near 1 the measurements agree; "
+        "accelerations are followed more closely, because the forces are free."
     )
+    return ReportTable.of(rows, told, numeric=True)

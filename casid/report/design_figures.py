@@ -64,11 +64,9 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
         name=numbered("next_flight", number),
         figure=Figure(rows=stacked(panels)),
         title=f"Next flight: {names[0]}, or {names[1]}?",
-        caption=(
-            f"What is moved, and what {label_of(channel)} would read with either cause, the derivatives and the start "
-            f"of the second fitted to the first. {channel} carries "
-            f"{100.0 * told[channel] / max(sum(told.values()), 1e-300):.0f} % of what tells them apart."
-        ),
+        caption=f"What is moved, and what {label_of(channel)} would read with either cause, the derivatives and the "
+        f"start of the second fitted to the first. {channel} carries "
+        f"{100.0 * told[channel] / max(sum(told.values()), 1e-300):.0f} % of what tells them apart.",
         alt=f"Time histories of {surface} and {channel} with {names[0]} and with {names[1]}, and their difference over "
         "the noise.",
     )

@@ -14,12 +14,11 @@ from casid.frequency.output_error import FourierOutputError
 from casid.frequency.regression import FourierEquationError
 from casid.report import looks
 from casid.report.figure import TIME, Axis, Cells, Curve, Figure, Panel, Picture, Rule, Scale, Span, history, stacked
-from casid.report.looks import Look
 from casid.report.svg import shown
 
 _LAGS = 30
 _INPUT_HEIGHT = 0.9  # inches
-_WHITE = Look(name="white noise", colour=looks.GREY)
+_WHITE = looks.Look(name="white noise", colour=looks.GREY)
 
 
 def histories(

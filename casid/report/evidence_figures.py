@@ -9,18 +9,17 @@ import numpy as np
 from casid.diagnosis.document import Document, Tried
 from casid.report import looks
 from casid.report.figure import Axis, Bar, Cells, Curve, Figure, Note, Panel, Picture, Rule, Scale, in_rows, stacked
-from casid.report.looks import Look
 from casid.report.words import EVIDENCE, place, pretty, quantity
 
 _MOST_INSTRUMENTS = 16
 _MOST_PLACES = 10
-_NAMED = Look(name="named", colour=looks.BLUE)
-_LESS = Look(name="fitted, explains less", colour=looks.FAINT)
-_SMALL = Look(name="too small to matter, or implausible", colour=looks.GREY, edge=looks.INK, hatch="...")
-_REFUTED = Look(name="refuted by kinematics", colour="#FFFFFF", edge=looks.INK, hatch="////")
-_HELD_OUT = Look(name="the same on held-out records", colour=looks.ORANGE, dash="", marker="D", size=7.0)
-_CLEARED = Look(name="cleared", colour=looks.GREEN)
-_FAILS = Look(name="fails", colour=looks.ORANGE, edge="#FFFFFF", hatch="//")
+_NAMED = looks.Look(name="named", colour=looks.BLUE)
+_LESS = looks.Look(name="fitted, explains less", colour=looks.FAINT)
+_SMALL = looks.Look(name="too small to matter, or implausible", colour=looks.GREY, edge=looks.INK, hatch="...")
+_REFUTED = looks.Look(name="refuted by kinematics", colour="#FFFFFF", edge=looks.INK, hatch="////")
+_HELD_OUT = looks.Look(name="the same on held-out records", colour=looks.ORANGE, dash="", marker="D", size=7.0)
+_CLEARED = looks.Look(name="cleared", colour=looks.GREEN)
+_FAILS = looks.Look(name="fails", colour=looks.ORANGE, edge="#FFFFFF", hatch="//")
 
 
 def ladder(document: Document) -> Picture | None:
@@ -31,18 +30,18 @@ def ladder(document: Document) -> Picture | None:
     several = len({one.round for one in rows}) > 1
     asked = document.criteria.naming
     bars = [Bar(look=_look(one), at=y, low=1.0, high=max(one.statistic, 1.0)) for y, one in enumerate(rows)]
-    held_out = {y: _held_out(document, one) or 0.0 for y, one in enumerate(rows) if one.named}
-    held_out = {y: value for y, value in held_out.items() if value > 0.0}
+    held_out = {y: gain for y, one in enumerate(rows) if one.named and (gain := _held_out(document, one)) > 0.0}
     dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
     least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked.gain)
     most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
     parts = (*bars, *([dots] if held_out else []), least)
     x = Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most)
-    best = rows[0]
-    name = pretty(rows[0].title)
+    names = [
+        f"{f'{one.round}. ' if several else ''}{pretty(one.title)} ({quantity(one.value, one.unit)})" for one in rows
+    ]
     return Picture(
         name="ladder",
-        figure=in_rows(parts, x, [_row_name(one, several) for one in rows], 0.34),
+        figure=in_rows(parts, x, names, 0.34),
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
@@ -50,12 +49,12 @@ def ladder(document: Document) -> Picture | None:
             "small further terms could explain as well does not count. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
-        alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is {name} with "
-        f"{best.statistic:.0f}.",
+        alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is "
+        f"{pretty(rows[0].title)} with {rows[0].statistic:.0f}.",
     )
 
 
-def _look(trial: Tried) -> Look:
+def _look(trial: Tried) -> looks.Look:
     if trial.refuted:
         return _REFUTED
     if not trial.meaningful:
@@ -63,16 +62,11 @@ def _look(trial: Tried) -> Look:
     return _NAMED if trial.named else _LESS
 
 
-def _row_name(one: Tried, several: bool) -> str:
-    return f"{f'{one.round}. ' if several else ''}{pretty(one.title)} ({quantity(one.value, one.unit)})"
-
-
-def _held_out(document: Document, trial: Tried) -> float | None:
-    """2 Δ ln L on the held-out records of the cause that this trial became."""
-    cause = next((c for c in (*document.causes, *document.minor) if c.key == trial.key), None)
-    if cause is None or cause.held_out_gain is None:
-        return None
-    return 2.0 * cause.held_out_gain * document.held_out_extended.samples
+def _held_out(document: Document, trial: Tried) -> float:
+    """2 Δ ln L on the held-out records of the cause that this trial became; 0 where it was not judged there."""
+    cause = next((one for one in (*document.causes, *document.minor) if one.key == trial.key), None)
+    gain = cause.held_out_gain if cause else None
+    return 2.0 * (gain or 0.0) * document.held_out_extended.samples
 
 
 def missing(document: Document) -> Picture:
@@ -83,12 +77,13 @@ def missing(document: Document) -> Picture:
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     extended = bool(document.causes)
-    sides = [(looks.GIVEN.called("re-estimated model, without causes"), before)]
-    sides += [(looks.EXTENDED.called("extended model"), after)] if extended else []
+    sides = {looks.GIVEN.called("re-estimated model, without causes"): before}
+    if extended:
+        sides[looks.EXTENDED.called("extended model")] = after
     height = 0.76 / len(sides)
     parts: list[Bar | Note] = [
         Bar(look=look, at=y + (k - 0.5 * (len(sides) - 1)) * height, low=1.0, high=max(values[s], 1.0), height=height)
-        for k, (look, values) in enumerate(sides)
+        for k, (look, values) in enumerate(sides.items())
         for y, s in enumerate(order)
     ]
     for station in unexplained:
@@ -100,11 +95,9 @@ def missing(document: Document) -> Picture:
         name="missing",
         figure=in_rows(parts, x, [place(s) for s in order], 0.36),
         title="Where something is missing",
-        caption=(
-            "A latent input, an unknown function of time, is added at one port of the signal path at a time. A large "
-            "statistic means that something enters there; neighbouring ports share that of one cause. The rest "
-            "counts as unexplained only if it is large and the model discrepancy cannot explain it either."
-        ),
+        caption="A latent input, an unknown function of time, is added at one port of the signal path at a time. A "
+        "large statistic means that something enters there; neighbouring ports share that of one cause. The rest "
+        "counts as unexplained only if it is large and the model discrepancy cannot explain it either.",
         alt=f"Bar chart of the likelihood-ratio statistic of an unknown input per place; largest before naming: "
         f"{place(order[0])}, {before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
     )
@@ -145,10 +138,8 @@ def kinematic(document: Document) -> Picture | None:
         name="kinematic",
         figure=in_rows(parts, x, order, 0.29),
         title=f"Kinematic check: {cleared}",
-        caption=(
-            "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
-            f"What fails here (hatched) is an instrument or moving air, and nothing else.{drawn}{note}"
-        ),
+        caption="Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
+        f"What fails here (hatched) is an instrument or moving air, and nothing else.{drawn}{note}",
         alt=f"Bar chart of |z| per instrument; {cleared}; the largest is {order[0]} with {best[order[0]][0]:.0f}.",
     )
 
@@ -212,9 +203,7 @@ def ambiguity(document: Document) -> Picture | None:
         name="ambiguity",
         figure=Figure(rows=((panel,),)),
         title="How alike the causes look in these records",
-        caption=(
-            "|cos| of the angle between two fingerprints once the fitted derivatives have explained what they can: 1, "
-            "the two cannot be told apart; 0, they have nothing in common."
-        ),
+        caption="|cos| of the angle between two fingerprints once the fitted derivatives have explained what they "
+        "can: 1, the two cannot be told apart; 0, they have nothing in common.",
         alt=f"Matrix of |cos| between {len(names)} causes; most alike are {names[i]} and {names[j]}, {off[i, j]:.2f}.",
     )

@@ -265,11 +265,9 @@ def _drawn(panel: Panel, axis: str) -> Iterator[np.ndarray | list[float]]:
             yield values + spread
         elif isinstance(one, Band):
             yield from (one.x,) if across else (one.low, one.high)
-        elif isinstance(one, Bar) and across:
-            yield [one.low, one.high]
         elif isinstance(one, Rule) and one.axis == axis:
             yield [one.at]
-        elif isinstance(one, Span) and one.axis == axis:
+        elif (isinstance(one, Bar) and across) or (isinstance(one, Span) and one.axis == axis):
             yield [one.low, one.high]
 
 

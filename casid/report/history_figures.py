@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -13,23 +12,21 @@ from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
 from casid.report import estimate_figures, looks
 from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Picture, Span, history, stacked
-from casid.report.looks import Look
 from casid.report.words import channel_axis, channel_scale, pretty
 from casid.signals import label_of
 
-PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
-    {
-        "longitudinal": (("delta_e", "thrust"), ("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
-        "lateral": (("delta_a", "delta_r"), ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
-    }
-)
+# plane of motion -> inputs and outputs
+PLANES = {
+    "longitudinal": (("delta_e", "thrust"), ("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
+    "lateral": (("delta_a", "delta_r"), ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
+}
 # inches
 _ROW = 0.72
 _INPUT_ROW = 0.5
 _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
-_HELD = Look(name="held out: no fit has seen it", colour="#EAF4EE")
+_HELD = looks.Look(name="held out: no fit has seen it", colour="#EAF4EE")
 _LEFT_OUT = looks.FAULT.called("samples left out")
 
 
@@ -51,11 +48,14 @@ class Piece:
         return self.record.t - self.record.t[0] + self.begin
 
 
-def tracks(document: Document) -> list[Picture]:
-    """One picture for each plane of motion that was measured."""
+def tracks(document: Document) -> Iterator[Picture]:
+    """Yield a picture for each plane of motion that was measured."""
     pieces = _pieces(document)
-    found = [_plane(document, name, pieces) for name in PLANES]
-    return [picture for picture in found if picture is not None]
+    for plane, (surfaces, channels) in PLANES.items():
+        outputs = [name for name in channels if name in document.as_given.outputs]
+        inputs = [name for name in surfaces if any(name in one.record for one in pieces)]
+        if outputs:
+            yield _plane(document, plane, pieces, inputs, outputs)
 
 
 def _pieces(document: Document) -> list[Piece]:
@@ -89,14 +89,10 @@ def _wrong(view: Simulated, r: int) -> float:
     return float(np.nanmean(np.minimum(np.abs(view.residual[:, r] / noise), 1e3)))
 
 
-def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture | None:
-    surfaces, channels = PLANES[plane]
-    measured = document.as_given.outputs
-    shown = [name for name in channels if name in measured]
-    inputs = [name for name in surfaces if any(name in one.record for one in pieces)]
-    if not shown:
-        return None
-    rows = [*inputs, *shown]
+def _plane(
+    document: Document, plane: str, pieces: Sequence[Piece], inputs: Sequence[str], outputs: Sequence[str]
+) -> Picture:
+    rows = [*inputs, *outputs]
     panels = [_track(document, name, pieces, name in inputs) for name in rows]
     notes = (
         Note(text=f"{one.record.name}{' (held out)' if one.held else ''}", x=one.begin, bold=True) for one in pieces
@@ -107,10 +103,8 @@ def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture |
         name=f"tracks_{plane}",
         figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"Before and after: {plane} motion in all channels",
-        caption=(
-            f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
-            f"{document.best}. What the blue line still misses of the grey one is not explained."
-        ),
+        caption=f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
+        f"{document.best}. What the blue line still misses of the grey one is not explained.",
         alt=f"Time histories of {', '.join(rows)} in {names}: measured, by the file as given, by the {document.best}.",
     )
 
@@ -124,43 +118,39 @@ def _track(document: Document, name: str, pieces: Sequence[Piece], of_an_input: 
         shift = one.begin - one.record.t[0]
         for low, high in _left_out(document, name, one.record.name):
             spans.append(Span(look=_LEFT_OUT, low=low + shift, high=high + shift))
-    x = Axis(label="time, records one after the other [s]")
     if of_an_input:
         lines = {looks.INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
-        y = Axis(label=channel_axis(name))
     else:
         lines = {
             looks.MEASURED: [(one.t, one.record[name]) for one in pieces],
             looks.GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
             looks.EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
         }
-        y = _followed(name, lines, channel_scale(name)[0])
     factor = channel_scale(name)[0]
-    curves = []
-    for look, parts in lines.items():
-        t, values = joined(parts)
-        curves.append(Curve(look=look, x=t, y=factor * values))
-    return Panel(parts=(*spans, *curves), x=x, y=y, height=_INPUT_ROW if of_an_input else _ROW)
+    joint = {look: joined(parts) for look, parts in lines.items()}
+    curves = [Curve(look=look, x=t, y=factor * values) for look, (t, values) in joint.items()]
+    x = Axis(label="time, records one after the other [s]")
+    y = Axis(label=channel_axis(name))
+    panel = Panel(parts=(*spans, *curves), x=x, y=y, height=_INPUT_ROW if of_an_input else _ROW)
+    return panel if of_an_input else _followed(panel)
 
 
 def _simulated(one: Piece, view: Simulated, name: str) -> np.ndarray:
     return view.output[: len(one.record), one.number, view.outputs.index(name)]
 
 
-def _followed(name: str, lines: Mapping[Look, Sequence[tuple[np.ndarray, np.ndarray]]], factor: float) -> Axis:
-    """Return an axis that follows a simulation that departs only as far as the measurement can be read beside it."""
-    measured, given, after = (factor * np.concatenate([y for _, y in parts]) for parts in lines.values())
+def _followed(panel: Panel) -> Panel:
+    """Let a panel of three curves, measured, as given, and after, follow the one as given only as far as the
+    measurement can be read beside it."""
+    measured, given, after = (one.y[np.isfinite(one.y)] for one in panel.of(Curve))
     inside = np.concatenate([measured, after])
-    inside = inside[np.isfinite(inside)]
-    given = given[np.isfinite(given)]
-    low, high = (float(inside.min()), float(inside.max())) if len(inside) else (0.0, 0.0)
-    margin = _BEYOND * (high - low)
-    far = high > low and len(given) > 0
-    return Axis(
-        label=channel_axis(name),
-        low=low - margin if far and given.min() < low - margin else None,
-        high=high + margin if far and given.max() > high + margin else None,
-    )
+    if not len(given) or not len(inside):
+        return panel
+    margin = _BEYOND * float(np.ptp(inside))
+    low = float(inside.min()) - margin
+    high = float(inside.max()) + margin
+    ends = {"low": low if given.min() < low else None, "high": high if given.max() > high else None}
+    return replace(panel, y=replace(panel.y, **ends)) if margin else panel
 
 
 def _left_out(document: Document, name: str, record: str) -> list[tuple[float, float]]:
@@ -191,20 +181,15 @@ def histories(document: Document) -> Picture:
     window = telling_window(before, after, channels, r)
     panels = [compared(document, channel, r, window, held_out=True) for channel in channels]
     names = ", ".join(label_of(c) for c in channels)
-    part = (
-        ""
-        if window.stop - window.start == len(record)
-        else f"{_WINDOW:.0f} s in which the two simulations differ most. "
-    )
+    whole = window == slice(0, len(record))
+    part = "" if whole else f"{_WINDOW:.0f} s in which the two simulations differ most. "
     return Picture(
         name="histories",
         figure=Figure(rows=stacked(panels)),
         title=f"Flown again: record {record.name}, which no fit has seen",
-        caption=(
-            "Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
-            f"from the state that fits the first seconds best, and by the {document.best}. {part}The channels that "
-            "differ most."
-        ),
+        caption="Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
+        f"from the state that fits the first seconds best, and by the {document.best}. {part}The channels that "
+        "differ most.",
         alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
         f"and by the {document.best}.",
     )
@@ -219,12 +204,11 @@ def worst_channel(document: Document) -> Picture | None:
     before = document.held_out_as_given
     r = worst_record(before, [channel])
     record = before.records[r]
-    panel = compared(document, channel, r, slice(0, len(record)), held_out=True)
-    lines = {one.look: [(one.x, one.y)] for one in panel.of(Curve)}
+    panel = _followed(compared(document, channel, r, slice(0, len(record)), held_out=True))
     label = document.budget.labels.get(channel, channel)
     return Picture(
         name="worst",
-        figure=Figure(rows=((replace(panel, y=_followed(channel, lines, 1.0), height=2.0),),), width=WIDE),
+        figure=Figure(rows=((replace(panel, height=2.0),),), width=WIDE),
         title=f"The worst channel: {label} in {record.name}, which no fit has seen",
         caption=pretty(f"{FirstScreen.of(document).worst}. Open-loop simulation with the recorded inputs."),
         alt=f"Time history of {label} in {record.name}: measured, by the file as given, and by the {document.best}.",
@@ -247,16 +231,12 @@ def compared(document: Document, channel: str, r: int, window: slice, *, held_ou
 
 def flown_again(document: Document) -> Iterator[Picture]:
     """Every output and input of a system in the first held-out records: measured, and by the three models."""
-    views = {
-        "as given": document.held_out_as_given,
-        "re-estimated": document.held_out_refitted,
-        "extended": document.held_out_extended,
-    }
-    for r, record in enumerate(document.held_out_as_given.records[:_RECORDS]):
-        view = document.held_out_as_given
-        outputs = [name for name in view.outputs if name in record]
-        at = view.index(outputs)
-        inputs = {name: record[name] for name in view.inputs}
+    given = document.held_out_as_given
+    views = {"as given": given, "re-estimated": document.held_out_refitted, "extended": document.held_out_extended}
+    for r, record in enumerate(given.records[:_RECORDS]):
+        outputs = [name for name in given.outputs if name in record]
+        inputs = {name: record[name] for name in given.inputs}
+        at = given.index(outputs)
         flown = {label: view.output[: len(record), r][:, at] for label, view in views.items()}
         curves = {label: one if np.isfinite(one).all() else np.full_like(one, np.nan) for label, one in flown.items()}
         picture = estimate_figures.histories(
@@ -314,30 +294,27 @@ def residuals(document: Document) -> Picture:
     channels = [before.outputs[i] for i in np.argsort(-drop)[:3]]
     r = worst_record(before, channels)
     record = before.records[r]
-    n = len(record)
+    drawn = {
+        replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"): before.residual,
+        looks.EXPLAINED.called(f"explained by the {document.best}"): after.output - before.output,
+        looks.EXTENDED.called("left after it"): after.residual,
+    }
     panels = []
     for channel in channels:
-        i = before.outputs.index(channel)
+        at = slice(len(record)), r, before.outputs.index(channel)
         noise = before.channels[channel].noise
-        wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
-        explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
-        left = smooth(after.residual[:n, r, i] / noise, record.dt)
-        parts = (
-            Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"),
-            Curve(look=replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
-            Curve(look=looks.EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
-            Curve(look=looks.EXTENDED.called("left after it"), x=record.t, y=left),
-        )
+        curves = [
+            Curve(look=look, x=record.t, y=smooth(values[at] / noise, record.dt)) for look, values in drawn.items()
+        ]
+        parts = (Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"), *curves)
         title = f"{label_of(channel)} {channel}"
         panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
     return Picture(
         name="residuals",
         figure=Figure(rows=stacked(panels)),
         title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
-        caption=(
-            "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "
-            "is noise."
-        ),
+        caption="Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey "
+        "band is noise.",
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
         f"{document.best} explains of them, and what is left.",
     )

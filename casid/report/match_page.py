@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from casid.acceptance.checks import EXTENDED, GIVEN, Check, compared_channels, span
+from casid.acceptance.checks import EXTENDED, GIVEN, compared_channels, span
 from casid.acceptance.justification import Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.proof import ProofOfMatch
@@ -21,7 +21,6 @@ from casid.records.channel_faults import stretches
 from casid.report import looks
 from casid.report.estimate_figures import file_name
 from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
-from casid.report.looks import Look
 from casid.report.result_page import BAD, GOOD
 from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
@@ -31,22 +30,20 @@ from casid.signals import SURFACES, label_of
 
 _LINES = {GIVEN: looks.GIVEN, EXTENDED: looks.EXTENDED}
 _FLIGHT = replace(looks.MEASURED, width=2.6, alpha=0.45)
-_TOLERANCE = Look(name="tolerance", colour=looks.GREY)
+_TOLERANCE = looks.Look(name="tolerance", colour=looks.GREY)
 _SURFACES = {
-    name: Look(name=label_of(name), colour=colour, width=1.1)
+    name: looks.Look(name=label_of(name), colour=colour, width=1.1)
     for name, colour in zip(SURFACES, (looks.GREEN, looks.PINK, looks.YELLOW), strict=True)
 }
-_CORRECTED = Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
-_DRIVEN = Look(colour=looks.GREEN, width=1.1)
-_BEGIN = Look(colour=looks.FAINT, width=0.9, dash=":")
+_CORRECTED = looks.Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
+_DRIVEN = looks.Look(colour=looks.GREEN, width=1.1)
+_BEGIN = looks.Look(colour=looks.FAINT, width=0.9, dash=":")
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
 def plot(proof: ProofOfMatch, test: str | None) -> Any:
     """Return the figure of the first test with this id, and without one of the first of all, for a notebook."""
-    if test is None:
-        return shown(match_figure(proof.tests[0]).figure)
-    found = [one for one in proof.tests if one.test.id == test]
+    found = [one for one in proof.tests if test in (None, one.test.id)]
     if not found:
         raise unknown("test", str(test), {one.test.id for one in proof.tests}, "proof.plot")
     return shown(match_figure(found[0]).figure)
@@ -57,11 +54,12 @@ def match_figure(one: MatchedTest) -> Picture:
 
     Pale band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
     """
-    channels = _panels(one)
-    panels = [_channel(one, name, row) for name, row in channels.items()]
-    panels.append(_surfaces(one))
+    tolerances = {row.channel: row for row in one.test.tolerances if row.quantity is None}
+    channels = [name for name in one.test.channels if name in one.flight.samples]
+    panels = [*(_channel(one, name, tolerances.get(name)) for name in channels), _surfaces(one)]
     if one.test.manoeuvre == "power change":
-        panels.append(_thrust(one))
+        thrust = Curve(look=_DRIVEN, x=one.flight.t, y=1e-3 * _inside(one, "thrust"))
+        panels.append(_panel(one, "thrust, driven", "kN", [thrust]))
     return Picture(
         name=_file(one),
         figure=Figure(rows=stacked(panels, 2), width=WIDE),
@@ -73,14 +71,8 @@ def match_figure(one: MatchedTest) -> Picture:
     )
 
 
-def _file(one: MatchedTest) -> str:
-    return file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s")
-
-
-def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
-    """Return channel that can be drawn -> its tolerance as a time history, if it has one."""
-    by_channel = {row.channel: row for row in one.test.tolerances if row.quantity is None}
-    return {name: by_channel.get(name) for name in one.test.channels if name in one.flight.samples}
+def _file(one: MatchedTest, of: str = "") -> str:
+    return file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s{of}")
 
 
 def _panel(one: MatchedTest, name: str, unit: str, parts: Sequence[Part]) -> Panel:
@@ -141,11 +133,6 @@ def _surfaces(one: MatchedTest) -> Panel:
     return _panel(one, "surfaces, driven", "deg", parts)
 
 
-def _thrust(one: MatchedTest) -> Panel:
-    parts = [Curve(look=_DRIVEN, x=one.flight.t, y=1e-3 * _inside(one, "thrust"))]
-    return _panel(one, "thrust, driven", "kN", parts)
-
-
 _VERDICTS = {True: "pass", False: "FAIL", None: "not judged"}
 _USED = {True: "yes", False: "no", None: "not known"}
 
@@ -153,54 +140,35 @@ _USED = {True: "yes", False: "no", None: "not known"}
 def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     """Write `match.html` and `match_figures/*.svg` into `folder`, which is made."""
     rationales = [rationale_of(one, proof.tests, proof.lost, proof.findings) for one in proof.tests]
-    pictures = [match_figure(one) for one in proof.tests]
-    related = [related_figure(one) if why else None for one, why in zip(proof.tests, rationales, strict=True)]
-    figures = drawn_into(Path(folder) / "match_figures", [*pictures, *filter(None, related)])
+    explained = list(zip(proof.tests, rationales, strict=True))
+    pictures = [*map(match_figure, proof.tests), *(related_figure(one) for one, why in explained if why)]
+    figures = drawn_into(Path(folder) / "match_figures", filter(None, pictures))
     context = {
         "colour": GOOD if proof.passed else BAD,
         "justified": _justified([one for one in rationales if one], len(proof.lost)),
         "proof": proof,
-        "loop": _loop(proof),
         "summary": _summary(proof),
         "left_out": _left_out(proof),
-        "tests": [
-            _page(one, figures[picture.name]) | {"rationale": why, "related": figures[beside.name] if beside else None}
-            for one, picture, why, beside in zip(proof.tests, pictures, rationales, related, strict=True)
-        ],
+        "tests": [_page(one, why, figures) for one, why in explained],
         "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not proved",
         "sentence": proof.sentence,
     }
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
 
 
-def _loop(proof: ProofOfMatch) -> str:
-    if not proof.closed_loop:
-        return "Open loop: the recorded surfaces and thrust drive the simulation, which starts at the measured state."
-    return (
-        "Closed loop: small corrections of the surfaces towards the measured attitude and rates are added to the "
-        "recorded ones, no larger than 1 deg of elevator and rudder and 2 deg of aileron. The simulation starts at the "
-        "measured state."
-    )
-
-
 def _summary(proof: ProofOfMatch) -> ReportTable:
     rows = []
     for one in proof.tests:
-        cells = [
-            f"{one.test.id} {one.test.title}",
-            f"{one.record.name}, {one.window.start:.1f} to {one.window.end:.1f} s",
-        ]
-        for side in one.sides.values():
+        row = {
+            "test": f"{one.test.id} {one.test.title}",
+            "record": f"{one.record.name}, {one.window.start:.1f} to {one.window.end:.1f} s",
+        }
+        for label, side in one.sides.items():
             used = max((check.used for check in side.checks if math.isfinite(check.used)), default=math.nan)
-            cells += [_used(used), _VERDICTS[side.passed]]
-        cells += ["not met" if one.unmet else "met", _USED[one.fitted]]
-        rows.append(tuple(cells))
-    head = ["test", "record"]
-    for label in proof.aircraft:
-        head += [f"{label}: tolerance used", label]
-    head += ["conditions", "record fitted"]
+            row |= {f"{label}: tolerance used": _used(used), label: _VERDICTS[side.passed]}
+        rows.append(row | {"conditions": "not met" if one.unmet else "met", "record fitted": _USED[one.fitted]})
     failed = where(one.passed is False for one in proof.tests)
-    return ReportTable(head=tuple(head), rows=rows, marked=failed, caption="Tests, in the order of the standard.")
+    return ReportTable.of(rows, "Tests, in the order of the standard.", marked=failed)
 
 
 def _justified(found: Sequence[Rationale], lost: int) -> str:
@@ -216,12 +184,11 @@ def _justified(found: Sequence[Rationale], lost: int) -> str:
 
 def _conditions(one: MatchedTest) -> ReportTable:
     words = {True: "met", False: "NOT MET", None: "not known"}
-    return ReportTable(
-        head=("condition", "asked", "found", ""),
-        rows=[(each.name, each.asked, each.found, words[each.met]) for each in one.conditions],
-        marked=where(each.met is False for each in one.conditions),
-        caption="Conditions of the test",
-    )
+    rows = [
+        {"condition": each.name, "asked": each.asked, "found": each.found, "": words[each.met]}
+        for each in one.conditions
+    ]
+    return ReportTable.of(rows, "Conditions of the test", marked=where(each.met is False for each in one.conditions))
 
 
 def related_figure(one: MatchedTest) -> Picture | None:
@@ -238,7 +205,7 @@ def related_figure(one: MatchedTest) -> Picture | None:
         ]
         panels.append(_panel(one, told(name), unit, [_dots(t, factor * _inside(one, name)), *curves]))
     return Picture(
-        name=f"{_file(one)}_related",
+        name=_file(one, "_related"),
         figure=Figure(rows=stacked(panels, 2), width=WIDE),
         title=f"{one.test.id}: related variables",
         caption="Related variables, which the test does not compare, in the same manoeuvre.",
@@ -260,21 +227,23 @@ def _related(one: MatchedTest) -> list[str]:
 
 
 def _left_out(proof: ProofOfMatch) -> ReportTable:
-    rows = [(f"{name} {proof.standard.tests[name].title}", why) for name, why in proof.left_out.items()]
-    return ReportTable(head=("test", "why"), rows=rows, caption="Tests of the table that were not compared.")
+    rows = [{"test": f"{name} {proof.standard.tests[name].title}", "why": why} for name, why in proof.left_out.items()]
+    return ReportTable.of(rows, "Tests of the table that were not compared.")
 
 
-def _page(one: MatchedTest, figure: Any) -> dict[str, Any]:
+def _page(one: MatchedTest, why: Rationale | None, figures: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "one": one,
+        "rationale": why,
+        "figure": figures[_file(one)],
+        "related": figures.get(_file(one, "_related")),
         "verdicts": {
             label: (_VERDICTS[side.passed].split()[0], one.outcome(label)) for label, side in one.sides.items()
         },
         "conditions": _conditions(one),
         "used": _USED[one.fitted],
-        "figure": figure,
-        "histories": _histories(one),
-        "quantities": _quantities(one),
+        "histories": _compared(one, False),
+        "quantities": _compared(one, True),
         "costs": _costs(one),
         "idle": [cost.part for cost in one.costs if not cost.lost],
         "added": {label: _added(side) for label, side in one.sides.items() if side.flown.corrections},
@@ -288,50 +257,32 @@ def _added(side: Side) -> str:
     return ", ".join(f"{label_of(name)} up to {degrees:.2f} deg" for name, degrees in most.items())
 
 
-def _histories(one: MatchedTest) -> ReportTable:
-    """A line for each time history and side."""
-
-    def cells(label: str, check: Check, first: bool) -> tuple[str, ...]:
-        out = f"{check.out_s:.2f} of {check.in_s + check.out_s:.2f}" if math.isfinite(check.out_s) else "–"
-        at = f"{check.at_s:.2f}" if math.isfinite(check.at_s) else "–"
-        return label, _in_unit(check.deviation, check.tolerance), at, out
-
-    head = ("compared", "tolerance", "simulation", "largest deviation", "at [s]", "time out [s]", "tolerance used", "")
-    rows, failed = _rows(one, cells, False)
-    return ReportTable(head=head, rows=rows, marked=failed, caption="Time histories", numeric=True)
-
-
-def _quantities(one: MatchedTest) -> ReportTable:
-    """The same for each derived quantity."""
-
-    def cells(label: str, check: Check, first: bool) -> tuple[str, ...]:
-        flown, simulated = (_quantity(value, check.tolerance) for value in (check.flight, check.simulation))
-        return flown if first else "", label, simulated, _in_unit(check.deviation, check.tolerance)
-
-    head = ("quantity", "tolerance", "flight ± 1σ", "simulation", "value ± 1σ", "deviation", "tolerance used", "")
-    caption = "Derived quantities, measured from both in the same way"
-    rows, failed = _rows(one, cells, True)
-    return ReportTable(head=head, rows=rows, marked=failed, caption=caption)
-
-
-def _rows(
-    one: MatchedTest, cells: Callable[[str, Check, bool], tuple[str, ...]], of_quantities: bool
-) -> tuple[list[tuple[str, ...]], set[int]]:
-    """A line for each row of the test and side, with its own cells; what is common to the sides is in the first. And
-    the numbers of those that fail."""
+def _compared(one: MatchedTest, of_quantities: bool) -> ReportTable:
+    """Return a line for each time history, or each derived quantity, and side; what is common to the sides is in the
+    first."""
     rows = []
     failed = []
-    for row, tolerance in enumerate(one.test.tolerances):
-        if (tolerance.quantity is not None) != of_quantities:
+    for number, row in enumerate(one.test.tolerances):
+        if (row.quantity is not None) != of_quantities:
             continue
+        limit = _limit_in_words(one, row)
         for place, (label, side) in enumerate(one.sides.items()):
-            check = side.checks[row]
-            first = place == 0
+            check = side.checks[number]
+            deviation = _in_unit(check.deviation, row)
+            if of_quantities:
+                common = {"quantity": row.words, "tolerance": limit, "flight ± 1σ": _quantity(check.flight, row)}
+                own = {"simulation": label, "value ± 1σ": _quantity(check.simulation, row), "deviation": deviation}
+            else:
+                at = f"{check.at_s:.2f}" if math.isfinite(check.at_s) else "–"
+                out = f"{check.out_s:.2f} of {check.in_s + check.out_s:.2f}" if math.isfinite(check.out_s) else "–"
+                common = {"compared": row.words, "tolerance": limit}
+                own = {"simulation": label, "largest deviation": deviation, "at [s]": at, "time out [s]": out}
+            first = common if place == 0 else dict.fromkeys(common, "")
             outcome = _VERDICTS[check.passed] + (f": {check.why}" if check.why else "")
-            head = (check.tolerance.words, _limit_in_words(one, check.tolerance)) if first else ("", "")
-            rows.append((*head, *cells(label, check, first), _used(check.used), outcome))
+            rows.append({**first, **own, "tolerance used": _used(check.used), "": outcome})
             failed.append(check.passed is False)
-    return rows, where(failed)
+    told = "Derived quantities, measured from both in the same way" if of_quantities else "Time histories"
+    return ReportTable.of(rows, told, numeric=not of_quantities, marked=where(failed))
 
 
 def _limit_in_words(one: MatchedTest, row: Tolerance) -> str:

@@ -13,7 +13,6 @@ from casid.acceptance.handbook import Handbook, Number, labelled
 from casid.acceptance.theil import Theil
 from casid.report import looks
 from casid.report.figure import WIDE, Axis, Band, Curve, Figure, Note, Panel, Part, Picture, Rule
-from casid.report.looks import Look
 from casid.report.result_page import Answer, write_result
 from casid.report.sections import ReportTable
 from casid.report.svg import shown
@@ -59,7 +58,7 @@ def trim_curves(found: Mapping[str, Handbook]) -> Picture:
     )
 
 
-def _looks(found: Mapping[str, Handbook]) -> dict[str, Look]:
+def _looks(found: Mapping[str, Handbook]) -> dict[str, looks.Look]:
     """Return the look of each aircraft, the first as given; a legend only where there are several."""
     own = looks.of_models(found, next(iter(found), None))
     return own if len(own) > 1 else {label: look.called("") for label, look in own.items()}

@@ -87,12 +87,10 @@ def _separating(number: int, one: Separating) -> Proposal:
         open=_in_question(one.question),
         fly=manoeuvre_in_words(best),
         within=_in_words(limits, [best.manoeuvre.surface, *(n for n in limits.channels if n in rivals.noise)]),
-        tells=(
-            f"It {odds_in_words(best.separation)}: the log likelihood ratio to be expected is "
-            f"{expectation_in_words(best.separation)} from flight to flight, and of all fitted records together, by "
-            f"the same measure, {digits(one.before, 2)}. This counts noise alone and assumes no prior knowledge of the "
-            "derivatives. The model discrepancy, for which a verdict allows, reduces both."
-        ),
+        tells=f"It {odds_in_words(best.separation)}: the log likelihood ratio to be expected is "
+        f"{expectation_in_words(best.separation)} from flight to flight, and of all fitted records together, by "
+        f"the same measure, {digits(one.before, 2)}. This counts noise alone and assumes no prior knowledge of the "
+        "derivatives. The model discrepancy, for which a verdict allows, reduces both.",
         command=_command(one.question),
         picture=separated(best, rivals, number),
         record=best.flown,

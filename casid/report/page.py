@@ -40,28 +40,21 @@ _EVIDENCE = ("wind", "shape", "onset", "bode", "missing_history", "unexplained",
 _SAME = 0.005  # a change that is no per cent
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gained:
-    """The error of every record, before and after; and the change of every channel that got worse, worst first."""
-
-    by_record: str
-    worse: str
-
-
-def gained(document: Document) -> Gained:
-    """Compare the open-loop simulation of the file as given with that of the best model."""
-    ratio = document.rms_ratio
-    labels = document.budget.labels
+def gained(document: Document) -> str:
+    """State the error of every record, in open-loop simulation by the file as given and by the best model."""
     errors = ", ".join(
         f"{one.record}{' (held out)' if one.held_out else ''} {_multiple(one.as_given)} → {_multiple(one.left)}"
         for one in document.budget.by_record
     )
     gusts = " Gusts are new in every record, so that its error need not shrink." if document.turbulent else ""
-    worse = {o: 100.0 * (one - 1.0) for o, one in ratio.items() if one > 1.0 + _SAME}
-    return Gained(
-        by_record=f"Times the noise as given, and with the {document.best}: {errors}.{gusts}",
-        worse=", ".join(f"{labels.get(o, o)} {change:+.0f}\u00a0%" for o, change in worse.items()),
-    )
+    return f"Times the noise as given, and with the {document.best}: {errors}.{gusts}"
+
+
+def lost(document: Document) -> str:
+    """State the change of every channel that got worse, worst first."""
+    labels = document.budget.labels
+    worse = {o: 100.0 * (one - 1.0) for o, one in document.rms_ratio.items() if one > 1.0 + _SAME}
+    return ", ".join(f"{labels.get(o, o)} {change:+.0f}\u00a0%" for o, change in worse.items())
 
 
 def _multiple(ratio: float) -> str:
@@ -301,6 +294,7 @@ def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]
         "claim_of": {one.anchor: one for one in linked},
         "moved": [one.sentence for one in (*document.moved, *document.combinations)],
         "gained": gained(document),
+        "lost": lost(document),
         "facts": _facts(document),
         "figures": figures,
         "shows": shows,

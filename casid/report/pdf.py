@@ -10,6 +10,7 @@ from pathlib import Path
 from casid.errors import InputError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer")
 _SECONDS = 120.0
 
 
@@ -27,14 +28,8 @@ def print_to_pdf(page: Path, pdf: Path) -> None:
             f"no browser prints {page.name} to PDF; install Chromium, Chrome or Edge, or print the page by hand"
         )
     with tempfile.TemporaryDirectory(prefix="casid-browser-") as profile:
-        options = [
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--no-pdf-header-footer",
-            f"--user-data-dir={profile}",
-        ]
-        command = [found, *options, f"--print-to-pdf={pdf.resolve()}", page.resolve().as_uri()]
+        own = [f"--user-data-dir={profile}", f"--print-to-pdf={pdf.resolve()}"]
+        command = [found, *_OPTIONS, *own, page.resolve().as_uri()]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_SECONDS, check=False)
         except subprocess.TimeoutExpired:

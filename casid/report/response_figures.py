@@ -16,7 +16,6 @@ from casid.records.channel_faults import stretches
 from casid.report import looks
 from casid.report.estimate_figures import file_name
 from casid.report.figure import Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
-from casid.report.looks import Look
 from casid.report.svg import shown
 from casid.report.words import pretty
 from casid.signals import unit_of
@@ -26,11 +25,11 @@ _TURN = 45.0  # deg between ticks of a phase
 _MARGIN = 0.15  # of what flight shows, above and below it on an axis
 _FLIGHT = replace(looks.MEASURED, width=2.0, alpha=1.0)
 _POINTS = replace(looks.MEASURED, dash="", marker="o", alpha=1.0)
-_EVERYWHERE = Look(colour=looks.FAINT, width=0.8)
-_ERROR = Look(name="± 2 standard deviations", colour=looks.INK, alpha=0.18)
-_UNUSED = Look(name="coherence too low", colour=looks.GREY, alpha=0.7)
-_LEAST = Look(name="least coherence that is used", colour=looks.FAINT, width=0.9, dash="--")
-_BOUND = Look(colour=looks.GREEN, width=1.0)
+_EVERYWHERE = looks.Look(colour=looks.FAINT, width=0.8)
+_ERROR = looks.Look(name="± 2 standard deviations", colour=looks.INK, alpha=0.18)
+_UNUSED = looks.Look(name="coherence too low", colour=looks.GREY, alpha=0.7)
+_LEAST = looks.Look(name="least coherence that is used", colour=looks.FAINT, width=0.9, dash="--")
+_BOUND = looks.Look(colour=looks.GREEN, width=1.0)
 
 
 def plot_response(response: FrequencyResponse) -> Any:
@@ -79,7 +78,7 @@ def bode_mismatch(comparison: ResponseComparison) -> Picture:
     )
 
 
-def gain_and_phase(flight: FrequencyResponse, models: Mapping[Look, np.ndarray]) -> tuple[Panel, Panel]:
+def gain_and_phase(flight: FrequencyResponse, models: Mapping[looks.Look, np.ndarray]) -> tuple[Panel, Panel]:
     """Return panels of flight with its error of two standard deviations, and models by look."""
     omega = flight.omega
     error = np.minimum(_SIGMAS * flight.random_error, 0.999)
@@ -121,7 +120,7 @@ def _coherence(flight: FrequencyResponse) -> Panel:
     return Panel(parts=parts, x=_frequency(flight), y=Axis(label="coherence", low=0.0, high=1.03), height=0.95)
 
 
-def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, Look]) -> list[Panel]:
+def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, looks.Look]) -> list[Panel]:
     """Return the gain and the phase of models less those of flight, the envelope, and what is outside of it."""
     flight = comparison.flight
     envelope = comparison.envelope
@@ -131,7 +130,7 @@ def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, Look]) -> l
         parts: list[Part] = [*_unused(flight), Rule(look=replace(looks.ZERO, colour=looks.INK), at=0.0, axis="y")]
         if envelope is not None:
             low, high = (getattr(envelope, f"{quantity}_{end}_{ending}") for end in ("low", "high"))
-            inside = Look(name=f"envelope: {envelope.name}", colour=looks.GREEN, alpha=0.12)
+            inside = looks.Look(name=f"envelope: {envelope.name}", colour=looks.GREEN, alpha=0.12)
             parts.append(Band(look=inside, x=envelope.omega, low=low, high=high))
             parts += [Curve(look=_BOUND, x=envelope.omega, y=bound) for bound in (low, high)]
         for name, one in comparison.mismatches.items():
@@ -158,14 +157,17 @@ def _unused(flight: FrequencyResponse) -> list[Span]:
 
 def _nearest_turn(angle: np.ndarray, flight: FrequencyResponse) -> np.ndarray:
     """Return a phase [deg] moved by whole turns to where that of flight is."""
-    used = flight.usable if flight.usable.any() else np.ones(len(angle), dtype=bool)
-    return angle + 360.0 * np.round(np.median((flight.phase_deg - angle)[used]) / 360.0)
+    return angle + 360.0 * np.round(np.median((flight.phase_deg - angle)[_used(flight)]) / 360.0)
+
+
+def _used(flight: FrequencyResponse) -> np.ndarray:
+    """Return where a response is usable; everywhere if it is nowhere."""
+    return flight.usable | (not flight.usable.any())
 
 
 def _limits(flight: FrequencyResponse, curves: list[np.ndarray]) -> tuple[float | None, float | None]:
     """Return limits that show what is usable; low coherence has no say."""
-    used = flight.usable if flight.usable.any() else np.ones(len(flight.omega), dtype=bool)
-    values = np.concatenate([curve[used] for curve in curves])
+    values = np.concatenate([curve[_used(flight)] for curve in curves])
     values = values[np.isfinite(values)]
     if not len(values):
         return None, None

@@ -6,13 +6,18 @@ import math
 
 import numpy as np
 
-from casid.diagnosis.document import Document
-from casid.model.rotors import acting, effectiveness, thrust_of
+from casid.diagnosis.document import Document, ReportedCause
+from casid.model.rotors import Rotor, acting, effectiveness, thrust_of
 from casid.model.station import control
 from casid.report import looks
 from casid.report.figure import Axis, Curve, Figure, Note, Panel, Part, Picture, stacked
-from casid.report.looks import Look
-from casid.report.words import digits
+from casid.report.words import digits, shown_unit
+
+_ARM = looks.Look(colour=looks.FAINT, width=3.0)
+_RIGHT = looks.Look(colour=looks.BLUE, width=2.0)
+_WRONG = looks.Look(colour=looks.ORANGE, width=2.0)
+_FRONT = looks.Look(colour=looks.INK)
+_TIP = looks.Look(colour=looks.INK, dash="", marker="^", size=7.0)
 
 
 def rotors_from_above(document: Document) -> Picture | None:
@@ -22,48 +27,33 @@ def rotors_from_above(document: Document) -> Picture | None:
         return None
     thrusts = {control(thrust_of(name)) for name in rotors.names}  # the ports at which the thrust of a rotor enters
     named = {one.target: one for one in document.causes if one.enters in thrusts}
-    records = document.as_given.records
+    against = {one.parameter for one in document.contradicted}
     places = np.array([(one.position[1], one.position[0]) for one in rotors.each])
     size = max(float(np.max(np.hypot(*places.T))), 1e-6)
-    against = {one.parameter for one in document.contradicted}
-    moved = {one.parameter: one for one in document.moved}
-    told = []
-    low = np.inf
-    high = -np.inf
+    radius = 0.42 * size
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    told = []
     parts: list[Part] = []
     for (x, y), one in zip(places, rotors.each, strict=True):
-        thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
+        thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in document.as_given.records])
         mean = one.effectiveness * float(np.mean(thrust))
-        name = effectiveness(one.name)
-        says = document.flight[name]
         cause = named.get(one.name)
-        left = moved.get(name)  # the figure has the number of the sentence, and none that no sentence has
-        extended = left.extended if left else one.effectiveness
-        value, std = (cause.value, cause.std) if cause else (extended / one.effectiveness - 1.0, says.std)
-        changed = 100.0 * value
-        wide = 100.0 * std / (1.0 if cause else one.effectiveness)
-        look = Look(colour=looks.ORANGE if cause or name in against else looks.BLUE, width=2.0)
-        arm = max(1.0 - 0.42 * size / max(math.hypot(x, y), 1e-9), 0.0)
-        parts.append(
-            Curve(look=Look(colour=looks.FAINT, width=3.0), x=np.array([0.0, arm * x]), y=np.array([0.0, arm * y]))
-        )
-        circle = x + 0.42 * size * np.cos(turn), y + 0.42 * size * np.sin(turn)
-        parts.append(Curve(look=look, x=circle[0], y=circle[1]))
-        deviation = f"{changed:+.0f} ± {digits(wide, 1)} %".replace("-", "−")
-        stated = not (cause or left)
-        if stated:
-            deviation = "as given"
-        text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
-        parts.append(Note(text=text, x=float(x), y=float(y), align="center"))
-        told.append(f"{one.name} {'as given' if stated else f'{changed:+.0f} per cent'}")
-        low = min(low, y)
-        high = max(high, y)
-    top = high + 0.62 * size
-    parts.append(Curve(look=Look(colour=looks.INK), x=np.zeros(2), y=np.array([top - 0.4 * size, top - 0.1 * size])))
-    tip = Look(colour=looks.INK, dash="", marker="^", size=7.0)
-    parts.append(Curve(look=tip, x=np.zeros(1), y=np.array([top - 0.1 * size])))
-    parts.append(Note(text="front", x=0.0, y=top + 0.04 * size, align="center"))
+        deviation, in_words = _deviation(document, one, cause)
+        told.append(f"{one.name} {in_words}")
+        circle = _WRONG if cause or effectiveness(one.name) in against else _RIGHT
+        arm = max(1.0 - radius / max(math.hypot(x, y), 1e-9), 0.0)
+        parts += [
+            Curve(look=_ARM, x=np.array([0.0, arm * x]), y=np.array([0.0, arm * y])),
+            Curve(look=circle, x=x + radius * np.cos(turn), y=y + radius * np.sin(turn)),
+            Note(text=f"{one.name}\n{digits(mean, 3)} N\n{deviation}", x=float(x), y=float(y), align="center"),
+        ]
+    low = places[:, 1].min()
+    top = places[:, 1].max() + 0.62 * size
+    parts += [
+        Curve(look=_FRONT, x=np.zeros(2), y=np.array([top - 0.4 * size, top - 0.1 * size])),
+        Curve(look=_TIP, x=np.zeros(1), y=np.array([top - 0.1 * size])),
+        Note(text="front", x=0.0, y=top + 0.04 * size, align="center"),
+    ]
     panel = Panel(
         parts=tuple(parts),
         x=Axis(low=-1.6 * size, high=1.6 * size),
@@ -83,6 +73,22 @@ def rotors_from_above(document: Document) -> Picture | None:
     )
 
 
+def _deviation(document: Document, rotor: Rotor, cause: ReportedCause | None) -> tuple[str, str]:
+    """Return by how much a rotor differs from the file, for the figure and in words: the number of the sentence that
+    states it, and none that no sentence has."""
+    name = effectiveness(rotor.name)
+    moved = {one.parameter: one.extended for one in document.moved}
+    if cause:
+        changed, std = cause.value, cause.std
+    elif name in moved:
+        changed = moved[name] / rotor.effectiveness - 1.0
+        std = document.flight[name].std / rotor.effectiveness
+    else:
+        return "as given", "as given"
+    percent = f"{100.0 * changed:+.0f}"
+    return f"{percent} ± {digits(100.0 * std, 1)} %".replace("-", "−"), f"{percent} per cent"
+
+
 def response_of_axes(document: Document) -> Picture | None:
     """The answers to a step about each axis, by the file and by the records."""
     found = document.axis_responses
@@ -91,7 +97,7 @@ def response_of_axes(document: Document) -> Picture | None:
     told = []
     panels = []
     for axis, given in found.as_given.items():
-        scale, unit = (1.0, "m/s") if axis == "climb" else (math.degrees(1.0), "deg/s")
+        scale, unit = shown_unit("m/s" if axis == "climb" else "rad/s")
         curves = (
             Curve(look=looks.GIVEN, x=1e3 * found.t, y=scale * given),
             Curve(look=looks.EXTENDED.called("by the records"), x=1e3 * found.t, y=scale * found.extended[axis]),

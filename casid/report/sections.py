@@ -30,6 +30,12 @@ class ReportTable:
     marked: Collection[int] = ()
     claims: Mapping[int, str] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, str]], caption: str, **others: Any) -> ReportTable:
+        """Return the table of rows that are head -> cell, with the same heads in each."""
+        head = tuple(rows[0]) if rows else ()
+        return cls(head=head, rows=[tuple(row.values()) for row in rows], caption=caption, **others)
+
     def text(self) -> str:
         """Return its rows for a terminal."""
         first, *rest = self.head
@@ -53,20 +59,15 @@ def where(flags: Iterable[object]) -> set[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bar:
-    """A bar of a row: its number in words, and its width in per cent of the row."""
-
-    text: str
-    width: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Bars:
-    """Rows of bars, one for each of `names`, on a common scale."""
+    """Rows of bars, one for each of `names`, on a common scale.
+
+    A row has its name and the bars: each its number in words, and its width in per cent of the row.
+    """
 
     caption: str
-    names: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Bar, ...]], ...]
+    names: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[tuple[str, float]]]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

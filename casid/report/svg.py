@@ -7,7 +7,6 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
@@ -289,6 +288,12 @@ def _colours(scale: Scale) -> ScalarMappable:
     return ScalarMappable(norm(scale.low, scale.high), scale.colours)
 
 
-_PAINTERS: Mapping[type, Callable[[Axes, Any], None]] = MappingProxyType(
-    {Curve: _curve, Band: _band, Span: _span, Rule: _rule, Bar: _bar, Cells: _cells, Note: _note}
-)
+_PAINTERS: Mapping[type, Callable[[Axes, Any], None]] = {
+    Curve: _curve,
+    Band: _band,
+    Span: _span,
+    Rule: _rule,
+    Bar: _bar,
+    Cells: _cells,
+    Note: _note,
+}

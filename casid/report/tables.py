@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from casid.data_check.reading import Finding
@@ -18,58 +18,37 @@ from casid.report.statements import about_value
 from casid.report.words import channel_scale, digits, percent, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations listed one by one
+_SMALLEST = 0.005  # probability, which is told as 1 %
 
 
-@dataclass(frozen=True, kw_only=True)
-class Share:
-    """Explanation and its probability."""
-
-    what: str
-    probability: float
-
-    @property
-    def percent(self) -> str:
-        """Probability in words."""
-        return probability_in_words(self.probability)
-
-
-def shares(document: Document) -> list[Share]:
-    """The most probable explanations and all others together; none where there are no probabilities."""
-    told = [Share(what=_said(one.titles), probability=one.probability) for one in document.explanations[:_TOLD]]
-    told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
-    rest = 1.0 - sum(one.probability for one in told)
-    return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
+def shares(document: Document) -> list[tuple[str, float]]:
+    """Return the most probable explanations, and all others together, with their probabilities, where there are any."""
+    others = (one for one in document.explanations[1:_TOLD] if one.probability >= _SMALLEST)
+    told = [(_said(one.titles), one.probability) for one in (*document.explanations[:1], *others)]
+    rest = 1.0 - sum(probability for _, probability in told)
+    return [*told, ("other explanations", rest)] if told and rest >= _SMALLEST else told
 
 
 def _said(titles: Sequence[str]) -> str:
-    return " and ".join(map(pretty, titles)) if titles else "nothing that matters is missing"
+    return " and ".join(map(pretty, titles)) or "nothing that matters is missing"
 
 
 def causes(document: Document) -> ReportTable:
     """The named causes, strongest first."""
     rows = [
-        (
-            pretty(c.title),
-            "\n".join([_size(c), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
-            _where(c),
-            "–" if c.probability is None else probability_in_words(c.probability),
-            digits(c.statistic),
-            _held(c),
-            ", ".join(pretty(o["title"]) for o in c.indistinguishable_from) or "–",
-        )
+        {
+            "cause": pretty(c.title),
+            "size ± 1σ": "\n".join([_size(c), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
+            "records": _where(c),
+            "probability": "–" if c.probability is None else probability_in_words(c.probability),
+            "likelihood-ratio statistic, 2 ln L": digits(c.statistic),
+            "gain of log likelihood per reading, held-out records": _held(c),
+            "cannot be told apart from": ", ".join(pretty(o["title"]) for o in c.indistinguishable_from) or "–",
+        }
         for c in document.causes
     ]
-    head = (
-        "cause",
-        "size ± 1σ",
-        "records",
-        "probability",
-        "likelihood-ratio statistic, 2 ln L",
-        "gain of log likelihood per reading, held-out records",
-        "cannot be told apart from",
-    )
     claims = {k: f"cause-{k + 1}" for k in range(len(rows))}
-    return ReportTable(head=head, rows=rows, caption="Named causes, strongest first", claims=claims)
+    return ReportTable.of(rows, "Named causes, strongest first", claims=claims)
 
 
 def _size(cause: ReportedCause) -> str:
@@ -131,31 +110,23 @@ def _p(value: float) -> str:
 def findings(found: Sequence[Finding]) -> ReportTable:
     """Faults of the data, with what was done about them."""
     rows = [
-        (
-            f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}",
-            ", ".join(one.records),
-            _when(one) or "all the time",
-            one.handled,
-            pretty(one.sentence),
-        )
+        {
+            "fault": f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}",
+            "records": ", ".join(one.records),
+            "when": "; ".join(f"{r} {a:.1f}–{b:.1f} s" for r, parts in one.intervals_s.items() for a, b in parts)
+            or "all the time",
+            "handled": one.handled,
+            "what": pretty(one.sentence),
+        }
         for one in found
     ]
-    return ReportTable(
-        head=("fault", "records", "when", "handled", "what"),
-        rows=rows,
-        caption="Faults of the data",
-        claims={k: f"data-{k + 1}" for k in range(len(rows))},
-    )
-
-
-def _when(one: Finding) -> str:
-    return "; ".join(f"{r} {a:.1f}–{b:.1f} s" for r, parts in one.intervals_s.items() for a, b in parts)
+    return ReportTable.of(rows, "Faults of the data", claims={k: f"data-{k + 1}" for k in range(len(rows))})
 
 
 def not_judged(document: Document) -> ReportTable:
     """Tabulate what these records leave open, and why."""
-    rows = [(one.what, one.because) for one in document.not_judged]
-    return ReportTable(head=("not judged", "because"), rows=rows, caption="What these records leave open")
+    rows = [{"not judged": one.what, "because": one.because} for one in document.not_judged]
+    return ReportTable.of(rows, "What these records leave open")
 
 
 def alternatives(document: Document) -> ReportTable:
@@ -166,49 +137,47 @@ def alternatives(document: Document) -> ReportTable:
         decision = decided.get((one.name, one.round))
         if decision is None or decision.outcome == NAMED:
             continue
-        why = document.trace.reason(decision)
-        size = quantity(one.value, one.unit)
-        rows.append((pretty(one.title), str(one.round), size, digits(one.statistic), why))
-    return ReportTable(
-        head=("cause", "round", "fitted size", "likelihood-ratio statistic, 2 ln L", "why it was not named"),
-        rows=rows,
-        caption="Alternatives that were fitted, and why they lost",
-    )
+        row = {
+            "cause": pretty(one.title),
+            "round": str(one.round),
+            "fitted size": quantity(one.value, one.unit),
+            "likelihood-ratio statistic, 2 ln L": digits(one.statistic),
+            "why it was not named": document.trace.reason(decision),
+        }
+        rows.append(row)
+    return ReportTable.of(rows, "Alternatives that were fitted, and why they lost")
 
 
 def unseen(document: Document) -> ReportTable:
     """Smallest effect of every kind that these records would have shown; what would have to be larger than anything
     plausible cannot be seen in them."""
-    seen: dict[str, list[str]] = {}
-    blind: dict[str, list[str]] = {}
+    seen: dict[str, list[str]] = defaultdict(list)
+    blind: dict[str, list[str]] = defaultdict(list)
     for one in document.unseen:
         if one.size > one.limit:
-            blind.setdefault(one.kind, []).append(one.label or "it")
+            blind[one.kind].append(one.label or "it")
         else:
-            seen.setdefault(one.kind, []).append(f"{one.label} {quantity(one.size, one.unit)}".strip())
+            seen[one.kind].append(f"{one.label} {quantity(one.size, one.unit)}".strip())
     rows = [
-        (
-            kind.replace("_", " "),
-            pretty("; ".join(sorted(seen.get(kind, [])))) or "–",
-            pretty(", ".join(sorted(blind.get(kind, [])))) or "–",
-        )
+        {
+            "kind": kind.replace("_", " "),
+            "smallest that would have been found": pretty("; ".join(sorted(seen[kind]))) or "–",
+            "not detectable in these records": pretty(", ".join(sorted(blind[kind]))) or "–",
+        }
         for kind in dict.fromkeys([*KINDS, *seen, *blind])
         if kind in seen or kind in blind
     ]
-    sigmas = document.criteria.significance.detectable
-    return ReportTable(
-        head=("kind", "smallest that would have been found", "not detectable in these records"),
-        rows=rows,
-        caption=f"What these records would have shown: sizes of {sigmas:.2g}σ, after the derivatives "
-        "took their share. Not detectable: it would have to be larger than anything plausible.",
+    return ReportTable.of(
+        rows,
+        f"What these records would have shown: sizes of {document.criteria.significance.detectable:.2g}σ, after the "
+        "derivatives took their share. Not detectable: it would have to be larger than anything plausible.",
     )
 
 
 def seconds(document: Document) -> ReportTable:
     """Wall time per stage."""
     spent = {**document.seconds, "together": sum(document.seconds.values())}
-    rows = [(stage, f"{s:.1f}") for stage, s in spent.items()]
-    return ReportTable(head=("stage", "s"), rows=rows, caption="Wall time")
+    return ReportTable.of([{"stage": stage, "s": f"{s:.1f}"} for stage, s in spent.items()], "Wall time")
 
 
 def made_with(facts: Mapping[str, Any]) -> ReportTable:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -21,16 +20,14 @@ from casid.report.svg import svg
 from casid.report.words import pretty, probability_in_words
 
 # verdict -> colour of its badge
-COLOURS: Mapping[str, str] = MappingProxyType(
-    {
-        "adequate": "#00694E",
-        "values wrong": "#7A5B00",
-        "explained": "#005A8F",
-        "partly explained": "#A34700",
-        "unexplained": "#9B2F6B",
-        "data at fault": "#A3122A",
-    }
-)
+COLOURS: Mapping[str, str] = {
+    "adequate": "#00694E",
+    "values wrong": "#7A5B00",
+    "explained": "#005A8F",
+    "partly explained": "#A34700",
+    "unexplained": "#9B2F6B",
+    "data at fault": "#A3122A",
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import textwrap
 
 from casid.design.separation import NextFlight, Separation
 from casid.model import numbers
@@ -15,7 +14,6 @@ from casid.model.vocabulary import LABELS, title_of
 from casid.signals import label_of, unit_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
-_LABEL = 40  # characters
 EVIDENCE = (
     "The statistic is twice the natural logarithm of how many times more probable it makes the records: 14 is 1000 "
     "times."
@@ -25,11 +23,6 @@ EVIDENCE = (
 def effect_name(effect: Effect) -> str:
     """Short name of an effect: "Cm: alpha²", "elevator: actuator lag", "wind shear along x"."""
     return pretty(title_of(effect))
-
-
-def label(name: str) -> str:
-    """A name beside an axis, in more than one line when it is long: what is left of the width is the figure's."""
-    return textwrap.fill(name, _LABEL)
 
 
 def pretty(sentence: str) -> str:
