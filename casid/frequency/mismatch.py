@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from casid.above import ask_above
-from casid.arguments import a_path, number, one_line
+from casid.arguments import a_path, one_line
 from casid.errors import InputError
 from casid.frames import Rows, brief
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
+from casid.frequency.transform import check_band
 from casid.keeping import plain
 from casid.records.limits import read_text_of
 
@@ -343,7 +344,7 @@ def _band(flight: FrequencyResponse, band: tuple[float, float] | None) -> tuple[
         )
     if band is None:
         return float(usable[0]), float(usable[-1])
-    low, high = (number(one, "compare_responses: band", positive=True) for one in band)
+    low, high = check_band(band, "compare_responses")
     first = float(flight.omega[0])
     last = float(flight.omega[-1])
     if not first * (1.0 - 1e-9) <= low < high <= last * (1.0 + 1e-9):

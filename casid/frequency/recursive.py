@@ -23,7 +23,7 @@ from casid.errors import EstimationError, InputError
 from casid.estimation.problem import chosen_parameters
 from casid.estimation.transcriptions.equation import equation_form
 from casid.frames import brief
-from casid.frequency.regression import constants, fixing, real_rows
+from casid.frequency.regression import constants, fixing, lacking_derivatives, real_rows
 from casid.model.system import EquationForm, Model
 from casid.records.record import Record
 
@@ -138,11 +138,11 @@ def track_derivatives(
     own = tuple(name for name in chosen if name not in known)
     form = equation_form(model)
     equations = _Equations(
+        model=model,
         form=form,
         names=own,
         function=_regressors(model, form, own, known),
         places=_places(model, form, own),
-        by_states=model.equation is None and bool(model.states),
     )
     return _tracked(equations, _samples(samples), grid, memory, every)
 
@@ -151,18 +151,18 @@ def track_derivatives(
 class _Equations:
     """Equations of a model, linear in its free parameters."""
 
+    model: Model
     form: EquationForm
     names: Sequence[str]  # of the free parameters
     function: ca.Function  # (channels) -> (target less what is known, regressors (equations, free))
     places: list[list[int]]  # per equation the free parameters in it
-    by_states: bool  # whether its targets are derivatives of states
 
     def differentiated(self, sample: Mapping[str, float]) -> dict[str, str]:
         """Derivative that the samples do not have -> the state that it is of. Raises InputError for a missing
         channel."""
-        found = {name: name.removesuffix("dot") for name in self.form.channels if name not in sample}
-        for name, base in found.items():
-            if not self.by_states or base == name or base not in sample:
+        found = lacking_derivatives(self.model, self.form, sample)
+        for name in self.form.channels:
+            if name not in sample and name not in found:
                 raise InputError(f"track_derivatives: the samples have no channel '{name}', which the equations need")
         return found
 
