@@ -243,7 +243,7 @@ def identifiability(
     names = problem.parameters
     seen = _Seen(information, _sizes(fit))
     moves = excitations(problem.records, moved_by)
-    found = candidates(fit, moved_by) if seen.weak or not seen.some.all() else []
+    found = list(candidates(fit, moved_by)) if seen.weak or not seen.some.all() else []
     told = determined(at.objective, at.linear, fit.multipliers)
     exchanged = dict.fromkeys(told.lost, told.states) if told.states else {}
     inflation = seen.inflation
