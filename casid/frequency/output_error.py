@@ -24,8 +24,8 @@ import numpy as np
 from casid.errors import EstimationError, check_known
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import EquationValue
+from casid.frequency.model_response import LinearSensitivity, entering, sensitivity_at
 from casid.frequency.regression import FourierCost, FourierRows, Piece, fixing, pieces_of, real_rows
-from casid.frequency.sensitivity import LinearSensitivity, entering, sensitivity_at
 from casid.model.system import check_continuous
 from casid.records.record import Record
 
@@ -158,13 +158,13 @@ class _Outputs:
     def __init__(self, one: _Transformed, linear: LinearSensitivity) -> None:
         self._one = one
         self._linear = linear
-        self._transition = linear.sampled(one.piece.stretch.dt, one.held)
+        transition, self._moved = linear.sampled(one.piece.stretch.dt, one.held)
         n = linear.states
         m = len(one.u)
         z = np.exp(1j * one.piece.omega * one.piece.stretch.dt)
-        resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - self._transition.matrix[:, :n])
+        resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - transition[:, :n])
         inputs = np.concatenate([one.inputs, z[:, None] * one.inputs], axis=1)
-        states = np.einsum("kab,bc,kc->ka", resolvent, self._transition.matrix[:, n:], inputs, optimize=True)
+        states = np.einsum("kab,bc,kc->ka", resolvent, transition[:, n:], inputs, optimize=True)
         self._motion = np.concatenate([states, inputs], axis=1)  # (M, n+2m)
         self._measuring = linear.matrix[n:]  # (o, n+m)
         self._error = self._motion[:, : n + m] @ self._measuring.T - one.outputs
@@ -199,7 +199,7 @@ class _Outputs:
         """(rows, outputs, free) of the residuals."""
         n = self._n
         m = self._m
-        moved = self._transition.slopes
+        moved = self._moved  # (f, n, n+2m)
         slopes = self._linear.slopes[:, n:]  # (f, o, n+m)
         through = self._measuring[:, :n] @ self._resolvent  # (M, o, n)
         plain = np.einsum("foc,kc->kof", slopes, self._motion[:, : n + m], optimize=True)

@@ -9,9 +9,8 @@ import numpy as np
 from casid.arguments import names, numbers_by_name, require
 from casid.errors import EstimationError, check_known
 from casid.estimation.problem import chosen_parameters
-from casid.frequency.model_response import Point, linear_model
+from casid.frequency.model_response import Point, entering, linear_model, sensitivity_at
 from casid.frequency.response_fit import AnyResponse, MeasuredResponse, ResponseFit, fit_responses, measured_responses
-from casid.frequency.sensitivity import entering, sensitivity_at
 from casid.model.system import Model
 
 

@@ -9,7 +9,7 @@ from small_flight import aircraft_file
 
 import casid as cs
 from casid.errors import EstimationError, InputError
-from casid.frequency.sensitivity import sensitivity_at
+from casid.frequency.model_response import sensitivity_at
 
 OMEGA = np.geomspace(0.4, 15.0, 25)
 
