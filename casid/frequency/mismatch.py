@@ -85,8 +85,7 @@ class MismatchEnvelope:
             object.__setattr__(self, name, column)
         if not (self.omega > 0.0).all() or not (np.diff(self.omega) > 0.0).all():
             raise InputError(f"{where}: omega does not increase; expected positive, increasing frequencies in rad/s")
-        for what in ("gain", "phase"):
-            unit = "db" if what == "gain" else "deg"
+        for what, unit in (("gain", "db"), ("phase", "deg")):
             crossed = getattr(self, f"{what}_low_{unit}") >= getattr(self, f"{what}_high_{unit}")
             if crossed.any():
                 at = float(self.omega[int(np.argmax(crossed))])

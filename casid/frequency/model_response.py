@@ -163,30 +163,26 @@ def linear_model(
     point = point | dict.fromkeys(times_of_readings(chosen), 0.0)  # a delay is in `response`
     x = np.array([point.get(name, 0.0) for name in chosen.states])
     u = np.array([point.get(name, 0.0) for name in chosen.inputs])
-    A, B, C, D = _derivatives(chosen, x, u, chosen.nominal_vector(values))
+    matrix = sensitivity_at(chosen, np.zeros(0, dtype=int), x, u, chosen.nominal_vector(values)).matrix
+    if not np.isfinite(matrix).all():
+        at_point = ", ".join(f"{name} = {value:.4g}" for name, value in zip(chosen.states, x.tolist(), strict=True))
+        raise InputError(
+            f"linear_model: '{chosen.name}' has no derivatives at {at_point}; give another operating point"
+        )
+    n = len(x)
     return LinearModel(
         name=chosen.name,
         states=chosen.states,
         inputs=chosen.inputs,
         outputs=chosen.outputs,
-        A=A,
-        B=B,
-        C=C,
-        D=D,
+        A=matrix[:n, :n],
+        B=matrix[:n, n:],
+        C=matrix[n:, :n],
+        D=matrix[n:, n:],
         point=dict(zip((*chosen.states, *chosen.inputs), (*x.tolist(), *u.tolist()), strict=True)),
         not_linear=applied.not_linear if applied else (),
         _applied=applied,
     )
-
-
-def _derivatives(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-    """A, B, C, D at a point, disturbances at rest."""
-    matrix = sensitivity_at(model, np.zeros(0, dtype=int), x, u, p).matrix
-    n = len(x)
-    if not np.isfinite(matrix).all():
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(model.states, x.tolist(), strict=True))
-        raise InputError(f"linear_model: '{model.name}' has no derivatives at {at}; give another operating point")
-    return [matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]]
 
 
 def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence[str] | None) -> FlownRecords:

@@ -156,7 +156,6 @@ class _Outputs:
     outputs, free), zero there. Both are free of the unknown step, output by output."""
 
     def __init__(self, one: _Transformed, linear: LinearSensitivity) -> None:
-        self._one = one
         self._linear = linear
         transition, self._moved = linear.sampled(one.piece.stretch.dt, one.held)
         n = linear.states

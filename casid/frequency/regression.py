@@ -170,7 +170,12 @@ class FourierEquations(FourierRows):
 
     def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
         form = equation_form(problem.model)
-        _check_constants(problem, form)
+        idle = constants(form, problem.model, problem.shared + problem.local)
+        if idle:
+            raise EstimationError(
+                f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
+                f"frequencies; {fixing(problem.model, idle)}"
+            )
         self.names = form.names
         self._pieces = [p for r, record in enumerate(problem.records) for p in _pieces(problem, record, r, form, band)]
         super().__init__([one.piece for one in self._pieces])
@@ -259,16 +264,6 @@ def constants(form: EquationForm, model: Model, names: Iterable[str]) -> list[st
         if slope.nnz() and not ca.depends_on(slope, form.m):
             found.append(name)
     return found
-
-
-def _check_constants(problem: Problem, form: EquationForm) -> None:
-    """Raise EstimationError for free parameters without effect in a band of frequencies."""
-    idle = constants(form, problem.model, problem.shared + problem.local)
-    if idle:
-        raise EstimationError(
-            f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
-            f"frequencies; {fixing(problem.model, idle)}"
-        )
 
 
 def fixing(model: Model, names: Sequence[str]) -> str:
