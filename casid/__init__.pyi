@@ -1,9 +1,9 @@
+from casid.acceptance.checks import MatchedTest
 from casid.acceptance.compared import Comparison, compare_diagnoses
 from casid.acceptance.fleet import Fleet, compare_flights
 from casid.acceptance.handbook import Handbook, modes
 from casid.acceptance.isolability import Isolability, isolability
 from casid.acceptance.match import proof_of_match
-from casid.acceptance.matched import MatchedTest
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.theil import Theil, theil
 from casid.acceptance.tolerances import Standard

@@ -13,21 +13,9 @@ from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
 
 _VISIBLE = 1e-3  # of the largest derivative of a row, from which one that was zero is told
-_BODY = (
-    "mass",
-    "inertia",
-    "gravity",
-    "area",
-    "moment_length_lateral",
-    "moment_length_pitch",
-    "rate_length_lateral",
-    "rate_length_pitch",
-    "thrust_line_z",
-    "engine_y",
-    "accelerometer",
-    "alpha_vane",
-    "beta_vane",
-)
+_LENGTHS = ("moment_length_lateral", "moment_length_pitch", "rate_length_lateral", "rate_length_pitch")
+_PLACES = ("thrust_line_z", "engine_y", "accelerometer", "alpha_vane", "beta_vane")
+_BODY = ("mass", "inertia", "gravity", "area", *_LENGTHS, *_PLACES)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from casid.acceptance.theil import fly
+from casid.acceptance.theil import fly, theil_of
 from casid.errors import EstimationError, InputError
 from casid.estimation import Fit, OutputError, Problem, solve
 from casid.frames import Rows
@@ -225,10 +225,8 @@ def _errors(
     outputs: Sequence[str], record: Record, flown: np.ndarray, noise: Mapping[str, float]
 ) -> Iterator[tuple[str, float]]:
     for i, name in enumerate(outputs):
-        if name in record and name in noise:
-            error = record[name] - flown[:, i]
-            if np.isfinite(error).any():
-                yield name, float(np.sqrt(np.nanmean(error**2)) / noise[name])
+        if name in record and name in noise and np.isfinite(record[name]).any():
+            yield name, theil_of(record[name], flown[:, i]).rms / noise[name]
 
 
 def _estimated(fit: Fit) -> dict[str, tuple[float, float]]:

@@ -147,8 +147,7 @@ def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[M
 
 
 def _corrections(law: ca.Function, model: Model, states: np.ndarray, record: Record) -> dict[str, np.ndarray]:
-    found = law.map(len(record))(states.T, record.matrix(model.inputs).T)
-    found = found if isinstance(found, tuple) else (found,)
+    found = law.map(len(record)).call([states.T, record.matrix(model.inputs).T])
     return {name: one.full()[0] for name, one in zip(law.name_out(), found, strict=True)}
 
 

@@ -12,7 +12,7 @@ that look the same, r = 1, it is one half.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -125,7 +125,7 @@ class Isolability:
     @property
     def told(self) -> float:
         """Mean over the causes of the probability that one is rightly named at the size that matters."""
-        return _mean_told(self.causes)
+        return float(np.mean([one.told for one in self.causes.values()]))
 
     @property
     def sets(self) -> list[tuple[str, ...]]:
@@ -217,19 +217,12 @@ def isolability(
     # an input is as noisy in a further manoeuvre as it is found to be in the given ones
     of_inputs = {name.removeprefix("d_"): s for name, s in flight.noise().inputs.items()}
     flown = replace(flown, aircraft=replace(flown.aircraft, noise={**flown.aircraft.noise, **of_inputs}))
-    judged = _judged(flown, sigma, effects, criteria)
-    if not judged.causes:
+    found = _judged(flown, sigma, effects, criteria)
+    if not found.causes:
         raise InputError("isolability: none of the causes has a size that matters here; ask for others with causes")
-    found = Isolability(
-        aircraft=file.name,
-        manoeuvres=tuple(record.name for record in flown.records),
-        channels={name: sigma[name] for name in judged.channels},
-        causes=judged.causes,
-        confusion=judged.confusion,
-        additions=(),
-        left_out=(*left_out, *judged.left_out),
-    )
-    return replace(found, additions=_additions(flown, sigma, effects, criteria)) if suggest else found
+    additions = _additions(flown, sigma, effects, criteria) if suggest else ()
+    by_use = tuple(sorted(additions, key=lambda one: -one.told))
+    return replace(found, additions=by_use, left_out=(*left_out, *found.left_out))
 
 
 def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -238,20 +231,6 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     size = np.abs(cosine)
     u, v = (a * np.sqrt(np.maximum(0.5 * (1.0 + sign * size), 0.0)) for sign in (1.0, -1.0))
     return ndtr(u) * ndtr(-v) + ndtr(-u) * ndtr(v)
-
-
-def _mean_told(causes: Mapping[str, IsolableCause]) -> float:
-    return float(np.mean([one.told for one in causes.values()]))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Judged:
-    """Causes with a size that matters, by name, and (n, n) their confusion."""
-
-    channels: tuple[str, ...]
-    causes: Mapping[str, IsolableCause]
-    confusion: np.ndarray
-    left_out: tuple[str, ...]
 
 
 def _noise(
@@ -310,10 +289,9 @@ def _fitted(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
     return fit(flight, [], flight.noise(), replace(moving, flight=flight), anew=True)
 
 
-def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria) -> _Judged:
+def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria) -> Isolability:
     """The effects at the sizes that matter, in a flight of the file as it is."""
-    every = range(len(flown.records))
-    return _Shown.of(_fitted(flown, sigma, criteria), effects).judged(every)
+    return _Shown.of(_fitted(flown, sigma, criteria), effects).judged(range(len(flown.records)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -340,7 +318,7 @@ class _Shown:
             cross.append(own.products(white)[0])
         return cls(fitted=fitted, rows=rows, grams=np.stack(grams), cross=np.stack(cross))
 
-    def judged(self, records: Sequence[int]) -> _Judged:
+    def judged(self, records: Sequence[int]) -> Isolability:
         """The effects in some of the records, at the sizes that matter there."""
         some = list(records)
         sums = weigh(self.fitted, discrepancy=False).sums
@@ -359,10 +337,14 @@ class _Shown:
         table = confusion(shows[:, None], np.clip(left * inverse[:, None] * inverse, -1.0, 1.0))
         table[:, shows == 0.0] = 0.0  # what does not show at all explains nothing
         np.fill_diagonal(table, 0.0)
-        return _Judged(
-            channels=self.fitted.flight.outputs,
+        flight = self.fitted.flight
+        return Isolability(
+            aircraft=flight.aircraft.name,
+            manoeuvres=tuple(flight.records[r].name for r in some),
+            channels={name: flight.aircraft.noise[name] for name in flight.outputs},
             causes={e.name: self._cause(i, kinds, sizes[sized], shows, table) for i, e in enumerate(kinds)},
             confusion=table,
+            additions=(),
             left_out=tuple(row[0].name for i, row in enumerate(self.rows) if i not in sized),
         )
 
@@ -404,19 +386,16 @@ def _size(fitted: FlightFit, row: _Row) -> float:
 
 def _additions(
     flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria
-) -> tuple[Addition, ...]:
-    """Further channels and manoeuvres by what they add."""
-    found = []
+) -> Iterator[Addition]:
+    """Further channels and manoeuvres, with what they add."""
     for name in flown.outputs:
         more = flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
         if name not in sigma and more:
             judged = _judged(flown, {**sigma, name: more}, effects, criteria)
-            found.append(Addition(kind="channel", what=name, told=_mean_told(judged.causes)))
+            yield Addition(kind="channel", what=name, told=judged.told)
     if further := further_manoeuvres(flown):  # all flown at once, each of them judged beside the given ones
         given = range(len(flown.records))
         records = (*flown.records, *further)
         shown = _Shown.of(_fitted(replace(flown, records=records), sigma, criteria), effects)
         for i, one in enumerate(further, len(given)):
-            judged = shown.judged([*given, i])
-            found.append(Addition(kind="manoeuvre", what=one.name, told=_mean_told(judged.causes)))
-    return tuple(sorted(found, key=lambda one: -one.told))
+            yield Addition(kind="manoeuvre", what=one.name, told=shown.judged([*given, i]).told)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from casid.acceptance.checks import EXTENDED, GIVEN, in_words
-from casid.acceptance.matched import Cost, MatchedTest
+from casid.acceptance.checks import EXTENDED, GIVEN, Cost, MatchedTest, in_words
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.limits import read_json, sound

@@ -8,14 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from casid.acceptance.checks import EXTENDED, GIVEN, checks_of, flight_of, smoothed_channels
+from casid.acceptance.checks import (
+    EXTENDED,
+    GIVEN,
+    Cost,
+    MatchedTest,
+    Side,
+    checks_of,
+    flight_of,
+    smoothed_channels,
+)
 from casid.acceptance.checks import Flight as Measured
 from casid.acceptance.conditions import conditions_of
 from casid.acceptance.findings import FoundPart, found_parts
 from casid.acceptance.flown import DIRECT, ToFly, fly
 from casid.acceptance.justification import Findings, findings_of
 from casid.acceptance.manoeuvres import MANOEUVRES, Window, window_between, windows
-from casid.acceptance.matched import Cost, MatchedTest, Side
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.smoothing import Smooth
 from casid.acceptance.tolerances import Standard, StandardTest, told

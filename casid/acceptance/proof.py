@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.above import ask_above
-from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
+from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, MatchedTest, Side, in_words
 from casid.acceptance.justification import Findings, Rationale, rationale_of
-from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.tolerances import Standard
 from casid.frames import Rows
 from casid.keeping import plain

@@ -179,11 +179,7 @@ def _score(J: np.ndarray, left: np.ndarray, variance: float) -> np.ndarray:
     window = 1.0 - np.arange(lags) / lags
 
     def form(autocovariance: np.ndarray) -> np.ndarray:
-        total = autocovariance[0] * J.T @ J
-        for k in range(1, lags):
-            cross = autocovariance[k] * J[k:].T @ J[:-k]
-            total += cross + cross.T
-        return total
+        return J.T @ scipy.linalg.matmul_toeplitz(np.pad(autocovariance, (0, len(J) - lags)), J)
 
     total = form(window * _lagged(left[:, None], lags))
     taken = form(window * _lagged(Q, lags))

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.design.input_shapes import flyable
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_flight, level_values
-from casid.design.manoeuvres import flyable
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model

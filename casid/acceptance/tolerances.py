@@ -5,9 +5,11 @@ A test without the paragraph of its numbers is refused. Numbers are SI and radia
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -183,106 +185,74 @@ def _plain(value: float, unit: str) -> str:
 def _standard(data: Mapping[str, Any]) -> Standard:
     check_known("key", data, ("standard", "test"), "the table")
     head = _table(data.get("standard"), "[standard]", "name = ..., edition = ..., source = ...")
-    check_known("key", head, ("name", "edition", "source"), "[standard]")
-    texts = {key: _text(head, key, "[standard]") for key in ("name", "edition", "source")}
     tests: dict[str, StandardTest] = {}
     for i, one in enumerate(_rows(data.get("test"), "[[test]]"), 1):
-        test = _test(one, f"test {i}")
+        where = f"test '{one['id']}'" if isinstance(one.get("id"), str) else f"test {i}"
+        test = StandardTest(**_values(StandardTest, one, where))
         if test.id in tests:
             raise InputError(f"test {i}: id '{test.id}' stands twice; give each test an id of its own")
         tests[test.id] = test
-    return Standard(**texts, tests=tests)
+    return Standard(**_values(Standard, head, "[standard]"), tests=tests)
 
 
-def _test(data: Mapping[str, Any], where: str) -> StandardTest:
-    where = f"test '{data['id']}'" if isinstance(data.get("id"), str) else where
-    keys = ("id", "title", "manoeuvre", "paragraph", "tolerance", "condition", "remark")
-    check_known("key", data, (*keys, "configurations", "cycles", "cycles_unless", "before_s", "after_s"), where)
-    texts = {key: _text(data, key, where) for key in ("id", "title", "manoeuvre", "paragraph")}
-    one_of(texts["manoeuvre"], MANOEUVRES, f"{where}: manoeuvre")
-    condition = data.get("condition")
-    unless = data.get("cycles_unless")
-    return StandardTest(
-        **texts,
-        tolerances=tuple(_tolerance(row, f"{where}: tolerance") for row in _rows(data.get("tolerance"), where)),
-        configurations=_configurations(data.get("configurations", []), where),
-        condition=None if condition is None else _condition(condition, f"{where}: condition"),
-        cycles=number(data.get("cycles", 0.0), f"{where}: cycles", least=0.0),
-        cycles_unless=None if unless is None else one_of(unless, QUANTITIES, f"{where}: cycles_unless"),
-        before_s=number(data.get("before_s", 0.0), f"{where}: before_s", least=0.0),
-        after_s=number(data.get("after_s", 0.0), f"{where}: after_s", least=0.0),
-        remark=_text(data, "remark", where) if "remark" in data else "",
-    )
+def _values(kind: type, data: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Fields of a kind as a table of the file has them. Those without a default must be there, but for a unit, which
+    follows from what is compared."""
+    keys = {_KEYS.get(one.name, one.name): one for one in fields(kind) if one.name in _READERS}
+    check_known("key", data, keys, where)
+    needed = [key for key, one in keys.items() if one.default is MISSING and one.name != "unit"]
+    read = {**dict.fromkeys(needed), **data}
+    return {keys[key].name: _READERS[keys[key].name](value, f"{where}: {key}") for key, value in read.items()}
 
 
-def _configurations(value: Any, where: str) -> tuple[str, ...]:
+def _configurations(value: Any, what: str) -> tuple[str, ...]:
     if not isinstance(value, list):
-        raise InputError(f'{where}: configurations is {given(value)}; expected a list like ["approach", "landing"]')
-    return tuple(one_of(one, CONFIGURATIONS, f"{where}: configurations") for one in value)
+        raise InputError(f'{what} is {given(value)}; expected a list like ["approach", "landing"]')
+    return tuple(one_of(one, CONFIGURATIONS, what) for one in value)
+
+
+def _tolerances(value: Any, what: str) -> tuple[Tolerance, ...]:
+    return tuple(_tolerance(row, what) for row in _rows(value, what))
 
 
 def _tolerance(data: Mapping[str, Any], where: str) -> Tolerance:
-    keys = ("channel", "quantity", "reference", "absolute", "relative", "relative_to", "unit", "from_s", "to_s")
-    check_known("key", data, (*keys, "either"), where)
-    channel = _compared(data, "channel", where)
-    where = f"{where} of {channel}"
-    quantity = one_of(data["quantity"], QUANTITIES, f"{where}: quantity") if "quantity" in data else None
-    of_two = quantity is not None and QUANTITIES[quantity].of_two
-    if of_two != ("reference" in data):
+    where = f"{where} of {data['channel']}" if isinstance(data.get("channel"), str) else where
+    own = _values(Tolerance, data, where)
+    of_two = "quantity" in own and QUANTITIES[own["quantity"]].of_two
+    if of_two != ("reference" in own):
         raise InputError(f"{where}: 'reference' names the second channel of time_between_peaks, and of nothing else")
-    given_limits = [key for key in ("absolute", "relative") if key in data]
-    if not given_limits:
+    if not {"absolute", "relative"} & own.keys():
         raise InputError(f"{where}: neither 'absolute' nor 'relative' is given; give at least one")
-    if "absolute" in data and "unit" not in data:
+    if "absolute" in own and "unit" not in own:
         raise InputError(f"{where}: 'unit' is missing; say in which unit 'absolute' is, like \"deg\"")
-    unit = _unit(data, channel, quantity, where)
-    limits = {key: number(data[key], f"{where}: {key}", positive=True) for key in given_limits}
-    if "absolute" in limits:
-        limits["absolute"] *= si_factor(unit, "", where)
-    span = {key: number(data[key], f"{where}: {key}") for key in ("from_s", "to_s") if key in data}
-    if span.get("from_s", -float("inf")) >= span.get("to_s", float("inf")):
-        raise InputError(f"{where}: from_s = {span['from_s']:g} is not before to_s = {span['to_s']:g}")
-    return Tolerance(
-        channel=channel,
-        quantity=quantity,
-        reference=_compared(data, "reference", where) if of_two else None,
-        relative_to=one_of(data.get("relative_to", "value"), ("value", "peak"), f"{where}: relative_to"),
-        unit=unit,
-        either=_text(data, "either", where) if "either" in data else None,
-        **limits,
-        **span,
-    )
-
-
-def _unit(data: Mapping[str, Any], channel: str, quantity: str | None, where: str) -> str:
-    """The unit of a row, which must fit what is compared; without one, its SI unit."""
-    expected = _si_unit(channel) if quantity is None else QUANTITIES[quantity].unit
-    if "unit" not in data:
-        return expected
-    unit = _text(data, "unit", where)
-    like = channel if quantity is None and channel in CHANNELS else {"s": "t", "m/s": "V", "1": "mach"}[expected]
-    si_factor(unit, like, where)
-    return unit
-
-
-def _si_unit(channel: str) -> str:
-    return "m/s" if channel == CALIBRATED else CHANNELS[channel].unit
+    if own.get("from_s", -float("inf")) >= own.get("to_s", float("inf")):
+        raise InputError(f"{where}: from_s = {own['from_s']:g} is not before to_s = {own['to_s']:g}")
+    return Tolerance(**_in_si(own, ("absolute",), where))
 
 
 def _condition(data: Any, where: str) -> Condition:
     table = _table(data, where, '{ channel = "q", peak_from = 0.5, peak_to = 2.0, unit = "deg/s" }')
-    check_known("key", table, ("channel", "peak_from", "peak_to", "unit"), where)
-    channel = _compared(table, "channel", where)
-    unit = _unit(table, channel, None, where)
-    low, high = (number(table.get(key), f"{where}: {key}", least=0.0) for key in ("peak_from", "peak_to"))
+    return Condition(**_in_si(_values(Condition, table, where), ("peak_from", "peak_to"), where))
+
+
+def _in_si(own: dict[str, Any], names: Sequence[str], where: str) -> dict[str, Any]:
+    """The same with these numbers in SI, and a unit: that which is given, which must fit what is compared, or the SI
+    unit."""
+    channel = own["channel"]
+    if "quantity" in own:
+        si_unit = QUANTITIES[own["quantity"]].unit
+    else:
+        si_unit = "m/s" if channel == CALIBRATED else CHANNELS[channel].unit
+    like = channel if "quantity" not in own and channel in CHANNELS else {"s": "t", "m/s": "V", "1": "mach"}[si_unit]
+    unit = own.get("unit", si_unit)
+    si_factor(unit, like, where)
     factor = si_factor(unit, "", where)
-    return Condition(channel=channel, peak_from=low * factor, peak_to=high * factor, unit=unit)
+    return {**own, "unit": unit, **{name: factor * own[name] for name in names if name in own}}
 
 
-def _compared(data: Mapping[str, Any], key: str, where: str) -> str:
-    name = _text(data, key, where)
-    check_known("channel", (name,), COMPARED, where)
-    return name
+def _channel(value: Any, what: str) -> str:
+    check_known("channel", (_text(value, what),), COMPARED, what)
+    return value
 
 
 def _table(value: Any, where: str, like: str) -> Mapping[str, Any]:
@@ -297,10 +267,28 @@ def _rows(value: Any, where: str) -> list[Mapping[str, Any]]:
     return value
 
 
-def _text(data: Mapping[str, Any], key: str, where: str) -> str:
-    value = data.get(key)
+def _text(value: Any, what: str) -> str:
     if not isinstance(value, str) or not value.strip():
         stands = "missing" if value is None else given(value)
-        why = "; a number without the paragraph that it stands in is refused" if key == "paragraph" else ""
-        raise InputError(f"{where}: '{key}' is {stands}; expected a text{why}")
+        why = "; a number without the paragraph that it stands in is refused" if what.endswith("paragraph") else ""
+        raise InputError(f"{what} is {stands}; expected a text{why}")
     return value
+
+
+_KEYS = {"tolerances": "tolerance"}  # field -> its key in the file, where that is another one
+# field -> how its value is read, (value, what it is) -> value
+_READERS: Mapping[str, Callable[[Any, str], Any]] = MappingProxyType(
+    {
+        **dict.fromkeys(("name", "edition", "source", "id", "title", "paragraph", "remark", "unit", "either"), _text),
+        **dict.fromkeys(("channel", "reference"), _channel),
+        **dict.fromkeys(("quantity", "cycles_unless"), lambda value, what: one_of(value, QUANTITIES, what)),
+        **dict.fromkeys(("absolute", "relative"), partial(number, positive=True)),
+        **dict.fromkeys(("peak_from", "peak_to", "cycles", "before_s", "after_s"), partial(number, least=0.0)),
+        **dict.fromkeys(("from_s", "to_s"), number),
+        "relative_to": lambda value, what: one_of(value, ("value", "peak"), what),
+        "manoeuvre": lambda value, what: one_of(value, MANOEUVRES, what),
+        "configurations": _configurations,
+        "condition": _condition,
+        "tolerances": _tolerances,
+    }
+)

@@ -130,15 +130,6 @@ def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
     return float(at[low]), float(at[min(high, len(at) - 1)])
 
 
-def candidates(fit: Fit, controls: Sequence[str]) -> list[Suggestion]:
-    """Doublets and 3-2-1-1 with several durations on every control, from the first sample of the first record.
-
-    They are as large as in the records, or as the control that moved most; what leaves three times the range of the
-    records' states is left out. Empty for what cannot be flown here: equation error, a control law in the loop.
-    """
-    return list(_flown(fit, controls)) if fit.problem.simulated and fit.problem.feedback is None else []
-
-
 def best_manoeuvre(found: Sequence[Suggestion], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
     """The candidate that, added to the fit's data of this information (parameters, parameters), makes a linear function
     `coordinate` (parameters,) of the parameters most certain; None when none gains a fifth."""
@@ -154,9 +145,15 @@ def best_manoeuvre(found: Sequence[Suggestion], information: np.ndarray, coordin
     return best
 
 
-def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[Suggestion]:
-    """Manoeuvres from the first sample of the first record that stay near the states of all records."""
+def candidates(fit: Fit, controls: Sequence[str]) -> Iterator[Suggestion]:
+    """Doublets and 3-2-1-1 with several durations on every control, from the first sample of the first record.
+
+    They are as large as in the records, or as the control that moved most; what leaves three times the range of the
+    records' states is left out. Empty for what cannot be flown here: equation error, a control law in the loop.
+    """
     problem = fit.problem
+    if not problem.simulated or problem.feedback is not None:
+        return
     model = fit.problem.model
     first = problem.records[0]
     t = np.arange(0.0, min(first.duration, _LONGEST_S) + 0.5 * first.dt, first.dt)

@@ -241,51 +241,23 @@ def identifiability(
     at = relinearise(fit, method)
     information = at.information
     names = problem.parameters
-    diagonal = np.diagonal(information)
-    size = _sizes(fit)
-    # less than one per cent of a standard deviation for a change of a hundred times the size is nothing
-    seen = np.where(np.isnan(size), diagonal > 0.0, diagonal * np.nan_to_num(size) ** 2 > 1e-8)
-    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-    eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    order = [i for i in np.argsort(-eigenvalues) if np.abs(vectors[seen, i]).max(initial=0.0) > 1e-6]
-    values = np.where(eigenvalues[order] > _NOTHING, eigenvalues[order], 0.0)
-    singular = np.sqrt(values)
-    vectors = vectors[:, order]
-    shares = vectors**2 / np.maximum(values, _NOTHING)
-    total = shares.sum(axis=1)
-    root = np.sqrt(np.where(seen, total, np.inf))
-    together = (vectors / np.maximum(values, _NOTHING)) @ vectors.T / np.outer(root, root)
-    np.fill_diagonal(together, 0.0)
-    weak = []
+    seen = _Seen(information, _sizes(fit))
     moves = excitations(problem.records, moved_by)
-    found = candidates(fit, moved_by) if singular[0] > _INDEX * singular[-1] or not seen.all() else []
-    for k in reversed(range(len(singular))):
-        if singular[0] > _INDEX * singular[k]:
-            part = shares[:, k] / np.where(seen, total, 1.0)
-            vector = vectors[:, k]
-            coordinate = np.divide(vector, scale, out=np.zeros_like(scale), where=scale > 0)
-            one = _Weak(
-                singular=float(singular[k]),
-                largest=float(singular[0]),
-                along=scale * vector,
-                part=part,
-                together=together,
-                help=best_manoeuvre(found, information, coordinate),
-            )
-            weak.append(_direction(fit, one, size, moves))
-    inflation = np.sqrt(np.where(seen, total, np.inf))
-    inflation[total > 0.01 / _NOTHING] = np.inf
+    found = list(candidates(fit, moved_by)) if seen.weak or not seen.some.all() else []
     told = determined(at.objective, at.linear, fit.multipliers)
     exchanged = dict.fromkeys(told.lost, told.states) if told.states else {}
+    inflation = seen.inflation
     inflation[np.isin(names, list(exchanged))] = np.inf
     return Identifiability(
         names=names,
-        singular_values=singular,
-        vectors=vectors,
+        singular_values=seen.singular,
+        vectors=seen.vectors,
         inflation=dict(zip(names, inflation.tolist(), strict=True)),
-        unseen={names[i]: best_manoeuvre(found, information, np.eye(len(names))[i]) for i in np.flatnonzero(~seen)},
+        unseen={
+            names[i]: best_manoeuvre(found, information, np.eye(len(names))[i]) for i in np.flatnonzero(~seen.some)
+        },
         exchanged=exchanged,
-        weak=tuple(weak),
+        weak=tuple(_direction(fit, seen, k, moves, best_manoeuvre(found, information, seen.at(k))) for k in seen.weak),
         blends=_blends(fit, information),
         excitation=moves,
     )
@@ -303,43 +275,71 @@ def _sizes(fit: Fit) -> np.ndarray:
     return np.array([size if size > 0.0 else math.nan for size in sizes])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Weak:
-    """A direction of the parameters that the data show little of."""
+class _Seen:
+    """What the data show of the parameters: directions of the scaled information (parameters, parameters), clearest
+    first. `size` (parameters,) is what a change of each is compared with."""
 
-    singular: float  # singular, largest: its singular value, and that of the direction that they show most of
-    largest: float
-    along: np.ndarray  # (parameters,) the direction
-    part: np.ndarray  # (parameters,) of the variance of each that is along it
-    together: np.ndarray  # (parameters, parameters) correlation of the estimates, zero of each with itself
-    help: Suggestion | None  # the manoeuvre that would show most of it
+    def __init__(self, information: np.ndarray, size: np.ndarray) -> None:
+        self.size = size
+        diagonal = np.diagonal(information)
+        # less than one per cent of a standard deviation for a change of a hundred times the size is nothing
+        self.some = np.where(np.isnan(size), diagonal > 0.0, diagonal * np.nan_to_num(size) ** 2 > 1e-8)
+        self.scale = np.where(self.some, 1.0 / np.sqrt(np.where(self.some, diagonal, 1.0)), 0.0)
+        eigenvalues, vectors = np.linalg.eigh(information * np.outer(self.scale, self.scale))
+        order = [i for i in np.argsort(-eigenvalues) if np.abs(vectors[self.some, i]).max(initial=0.0) > 1e-6]
+        values = np.where(eigenvalues[order] > _NOTHING, eigenvalues[order], 0.0)
+        self.singular = np.sqrt(values)
+        self.vectors = vectors[:, order]
+        self.shares = self.vectors**2 / np.maximum(values, _NOTHING)
+        self.total = self.shares.sum(axis=1)
+        root = np.sqrt(np.where(self.some, self.total, np.inf))
+        # (parameters, parameters) correlation of the estimates, zero of each with itself
+        self.together = (self.vectors / np.maximum(values, _NOTHING)) @ self.vectors.T / np.outer(root, root)
+        np.fill_diagonal(self.together, 0.0)
+
+    @property
+    def weak(self) -> list[int]:
+        """Directions that the data show little of, beside the clearest one; weakest first."""
+        return [k for k in reversed(range(len(self.singular))) if self.singular[0] > _INDEX * self.singular[k]]
+
+    @property
+    def inflation(self) -> np.ndarray:
+        """(parameters,) by which factor their standard deviations are larger than if all others were known."""
+        return np.where(self.some & (self.total <= 0.01 / _NOTHING), np.sqrt(self.total), np.inf)
+
+    def at(self, k: int) -> np.ndarray:
+        """(parameters,) linear function of the parameters that a direction is about."""
+        return np.divide(self.vectors[:, k], self.scale, out=np.zeros_like(self.scale), where=self.scale > 0)
 
 
-def _direction(fit: Fit, weak: _Weak, size: np.ndarray, moves: Sequence[Excitation]) -> Direction:
+def _direction(
+    fit: Fit, seen: _Seen, k: int, moves: Sequence[Excitation], most_helpful: Suggestion | None
+) -> Direction:
     # A weak direction of unit columns has two members at least. Directions of like singular values share variance out
     # among them, so that the partner of a single one is what its estimate is most correlated with.
-    part = weak.part
-    along = weak.along
+    part = seen.shares[:, k] / np.where(seen.some, seen.total, 1.0)
+    along = seen.scale * seen.vectors[:, k]
     ranked = [int(i) for i in np.argsort(-part)]
     members = [i for i in ranked if part[i] > _PROPORTION] or ranked[:1]
     if len(members) < 2:
-        members.append(int(np.argmax(np.abs(weak.together[members[0]]))))
-    lost = weak.singular == 0.0
-    own = np.where(np.isnan(size), 1.0, size)[members]
-    change = along / weak.singular if not lost else along * np.min(own / np.abs(along[members]))
+        members.append(int(np.argmax(np.abs(seen.together[members[0]]))))
+    singular = float(seen.singular[k])
+    lost = singular == 0.0
+    own = np.where(np.isnan(seen.size), 1.0, seen.size)[members]
+    change = along / singular if not lost else along * np.min(own / np.abs(along[members]))
     change = change * np.sign(change[members[0]])
     names = fit.problem.parameters
-    cannot = lost or bool((np.abs(change[members]) > size[members]).any())
+    cannot = lost or bool((np.abs(change[members]) > seen.size[members]).any())
     values = [abs(fit[names[i]].value) for i in members]
     share = {names[i]: float(change[i] / v) if v > 0.0 else math.inf for i, v in zip(members, values, strict=True)}
     return Direction(
-        singular_value=weak.singular,
-        condition=math.inf if lost else weak.largest / weak.singular,
+        singular_value=singular,
+        condition=math.inf if lost else float(seen.singular[0]) / singular,
         change={names[i]: float(change[i]) for i in members},
         share=share,
         cannot=cannot,
         poor=_poor([names[i] for i in members], moves),
-        help=weak.help,
+        help=most_helpful,
     )
 
 

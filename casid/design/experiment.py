@@ -70,8 +70,6 @@ class Experiment:
 
     def __post_init__(self) -> None:
         model = require(self.model, Model, "Experiment: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
-        for what in ("surfaces", "noise", "limits"):
-            table_of(getattr(self, what), f"Experiment: {what}", "{'delta_e': 0.05}")
         numbers_by_name(self.rest, "Experiment: rest")
         names(self.parameters, "Experiment: parameters")
         number(self.duration, "Experiment: duration", positive=True)
@@ -82,13 +80,14 @@ class Experiment:
             raise InputError(f"Experiment: start has the shape {np.shape(self.start)}; expected a number each: {order}")
         for name, value in zip(model.states, self.start, strict=True):
             number(value, f"Experiment: start of '{name}'")
-        for what, table, valid in (
-            ("input", self.surfaces, model.inputs),
-            ("output", self.noise, model.outputs),
-            ("state or output", self.limits, (*model.states, *model.outputs)),
+        for field_name, what, valid in (
+            ("surfaces", "input", model.inputs),
+            ("noise", "output", model.outputs),
+            ("limits", "state or output", (*model.states, *model.outputs)),
         ):
+            table = table_of(getattr(self, field_name), f"Experiment: {field_name}", "{'delta_e': 0.05}")
+            check_known(what, table, valid, "Experiment")
             for name, size in table.items():
-                check_known(what, (name,), valid, "Experiment")
                 number(size, f"Experiment: {what} '{name}'", positive=True)
         if not self.surfaces or not self.noise or not self.parameters:
             raise InputError(

@@ -32,7 +32,6 @@ class Expected:
     """The least and the largest change of a channel from trim, and the change that ends the manoeuvre; NaN if none."""
 
     channel: str
-    unit: str
     least: float
     most: float
     limit: float
@@ -84,7 +83,7 @@ class FlightCard:
             "movements": [{"t": one.t, **one.change} for one in self.movements],
             "duration_s": self.duration,
             "expected": [
-                {"channel": one.channel, "unit": one.unit, "change": [one.least, one.most]}
+                {"channel": one.channel, "unit": self.units[one.channel], "change": [one.least, one.most]}
                 | ({"limit": one.limit} if np.isfinite(one.limit) else {})
                 for one in self.expected
             ],
@@ -121,7 +120,7 @@ def flight_card(record: Record, experiment: Experiment) -> FlightCard:
         units={name: scale[1] for name, scale in scales.items()},
         movements=tuple(movements) if len(movements) <= _READ else (),
         duration=float(t[-1]),
-        expected=tuple(_expected(name, record, experiment, scales[name]) for name in shown),
+        expected=tuple(_expected(name, record, experiment, scales[name][0]) for name in shown),
         command=command,
         inputs=inputs,
     )
@@ -139,12 +138,11 @@ def _steps(change: np.ndarray) -> np.ndarray:
     return np.array([*first, *reached], dtype=int)
 
 
-def _expected(name: str, record: Record, experiment: Experiment, scale: tuple[float, str]) -> Expected:
-    factor, unit = scale
+def _expected(name: str, record: Record, experiment: Experiment, factor: float) -> Expected:
     change = factor * (record[name] - record[name][0])
     limit = factor * experiment.limits.get(name, np.nan)
     low, high = (float(end(change)) for end in (np.min, np.max))
-    return Expected(channel=name, unit=unit, least=low, most=high, limit=float(limit))
+    return Expected(channel=name, least=low, most=high, limit=float(limit))
 
 
 def _word(unit: str) -> str:

@@ -128,9 +128,8 @@ def design_input(
     guesses = []
     if isinstance(shape, StepInput) and shape.pulses >= 4:
         guesses.append(_standard_unknowns(search, shape))
-    for _ in range(starts):
-        parts = [shape.random(rng, experiment.duration) for _ in experiment.surfaces]
-        guesses.append(np.concatenate(parts))
+    random = ([shape.random(rng, experiment.duration) for _ in experiment.surfaces] for _ in range(starts))
+    guesses += [np.concatenate(parts) for parts in random]
     begun = next(filter(None, map(search.begun, _by_first_steps(search, guesses))), None)
     if begun is None:
         raise EstimationError("design_input: no input within the limits was found; widen them, or try more starts")

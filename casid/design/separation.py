@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from casid.design.experiment import Experiment
-from casid.design.manoeuvres import Manoeuvre, flyable
+from casid.design.input_shapes import Manoeuvre, flyable
 from casid.errors import EstimationError, InputError
 from casid.estimation.transcriptions.steps import output_function, sample_derivatives, step_function
 from casid.model.aircraft import Aircraft

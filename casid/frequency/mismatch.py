@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from casid.above import ask_above
-from casid.arguments import a_path, number, one_line
+from casid.arguments import a_path, one_line
 from casid.errors import InputError
 from casid.frames import Rows, brief
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
+from casid.frequency.transform import check_band
 from casid.keeping import plain
 from casid.records.limits import read_text_of
 
@@ -84,8 +85,7 @@ class MismatchEnvelope:
             object.__setattr__(self, name, column)
         if not (self.omega > 0.0).all() or not (np.diff(self.omega) > 0.0).all():
             raise InputError(f"{where}: omega does not increase; expected positive, increasing frequencies in rad/s")
-        for what in ("gain", "phase"):
-            unit = "db" if what == "gain" else "deg"
+        for what, unit in (("gain", "db"), ("phase", "deg")):
             crossed = getattr(self, f"{what}_low_{unit}") >= getattr(self, f"{what}_high_{unit}")
             if crossed.any():
                 at = float(self.omega[int(np.argmax(crossed))])
@@ -343,7 +343,7 @@ def _band(flight: FrequencyResponse, band: tuple[float, float] | None) -> tuple[
         )
     if band is None:
         return float(usable[0]), float(usable[-1])
-    low, high = (number(one, "compare_responses: band", positive=True) for one in band)
+    low, high = check_band(band, "compare_responses")
     first = float(flight.omega[0])
     last = float(flight.omega[-1])
     if not first * (1.0 - 1e-9) <= low < high <= last * (1.0 + 1e-9):

@@ -1,4 +1,7 @@
-"""Models in the frequency domain: exact linearisation at an operating point, with the lags and delays of the file."""
+"""Models in the frequency domain: exact linearisation at an operating point, with the lags and delays of the file.
+
+Sizes: n states, m inputs, o outputs, f free parameters, M frequencies.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
+from scipy.linalg import expm
 
 from casid.arguments import number, numbers_by_name
 from casid.errors import InputError, check_known
+from casid.estimation.transcriptions.steps import quiet
 from casid.frames import brief
-from casid.frequency.sensitivity import sensitivity_at
 from casid.model.aircraft import Aircraft, given_aircraft
+from casid.model.built import cached
 from casid.model.dynamics import aircraft_model
 from casid.model.flown_records import FlownRecords, axes_of, flown_records
-from casid.model.system import Model
+from casid.model.system import Model, check_continuous
 from casid.model.trim import Trim
 from casid.model.with_effects import times_of_readings
 from casid.records.given import given_records
@@ -157,30 +163,26 @@ def linear_model(
     point = point | dict.fromkeys(times_of_readings(chosen), 0.0)  # a delay is in `response`
     x = np.array([point.get(name, 0.0) for name in chosen.states])
     u = np.array([point.get(name, 0.0) for name in chosen.inputs])
-    A, B, C, D = _derivatives(chosen, x, u, chosen.nominal_vector(values))
+    matrix = sensitivity_at(chosen, np.zeros(0, dtype=int), x, u, chosen.nominal_vector(values)).matrix
+    if not np.isfinite(matrix).all():
+        at_point = ", ".join(f"{name} = {value:.4g}" for name, value in zip(chosen.states, x.tolist(), strict=True))
+        raise InputError(
+            f"linear_model: '{chosen.name}' has no derivatives at {at_point}; give another operating point"
+        )
+    n = len(x)
     return LinearModel(
         name=chosen.name,
         states=chosen.states,
         inputs=chosen.inputs,
         outputs=chosen.outputs,
-        A=A,
-        B=B,
-        C=C,
-        D=D,
+        A=matrix[:n, :n],
+        B=matrix[:n, n:],
+        C=matrix[n:, :n],
+        D=matrix[n:, n:],
         point=dict(zip((*chosen.states, *chosen.inputs), (*x.tolist(), *u.tolist()), strict=True)),
         not_linear=applied.not_linear if applied else (),
         _applied=applied,
     )
-
-
-def _derivatives(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-    """A, B, C, D at a point, disturbances at rest."""
-    matrix = sensitivity_at(model, np.zeros(0, dtype=int), x, u, p).matrix
-    n = len(x)
-    if not np.isfinite(matrix).all():
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(model.states, x.tolist(), strict=True))
-        raise InputError(f"linear_model: '{model.name}' has no derivatives at {at}; give another operating point")
-    return [matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]]
 
 
 def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence[str] | None) -> FlownRecords:
@@ -221,3 +223,92 @@ def _medians(model: Model, records: Sequence[Record]) -> dict[str, float]:
     columns = zip((*model.states, *model.inputs), both.T, strict=True)
     known = {name: column[np.isfinite(column)] for name, column in columns}
     return {name: float(np.median(values)) if len(values) else 0.0 for name, values in known.items()}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearSensitivity:
+    """dx/dt = A x + B u, y = C x + D u about a point."""
+
+    matrix: np.ndarray  # (n+o, n+m) the matrices [[A, B], [C, D]]
+    slopes: np.ndarray  # (f, n+o, n+m) its derivatives in the free parameters
+    states: int  # how many states n there are
+
+    def response(self, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M, o, m) frequency response at omega (M,) [rad/s], and (M, f, o, m) its derivatives."""
+        n = self.states
+        inputs = np.eye(self.matrix.shape[1] - self.states)
+        a = self.matrix[:n, :n]
+        b = self.matrix[:n, n:]
+        c = self.matrix[n:, :n]
+        d = self.matrix[n:, n:]
+        resolvent = np.linalg.inv(1j * omega[:, None, None] * np.eye(n) - a)
+        states = resolvent @ b
+        costates = c @ resolvent
+        right = np.concatenate([states, np.broadcast_to(inputs, (len(omega), *inputs.shape))], axis=1)
+        left = np.concatenate([costates, np.broadcast_to(np.eye(len(c)), (len(omega), len(c), len(c)))], axis=2)
+        return c @ states + d, left[:, None] @ self.slopes @ right[:, None]
+
+    def sampled(self, dt: float, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The step from one sample to the next, with inputs held where `held` (m,), else on straight lines: the matrix
+        (n, n+2m) that makes x there of (x, u, u there), and (f, n, n+2m) its derivatives in the free parameters."""
+        n = self.states
+        a = self.matrix[:n, :n]
+        b = self.matrix[:n, n:]
+        da = self.slopes[:, :n, :n]
+        db = self.slopes[:, :n, n:]
+        (phi0, phi1, phi2), moved = _exponentials(a, da, dt)
+        constant = phi1 @ b
+        dconstant = moved[1] @ b + phi1 @ db
+        later = np.where(held, 0.0, phi2 @ b / dt)
+        dlater = np.where(held, 0.0, (moved[2] @ b + phi2 @ db) / dt)
+        slopes = np.concatenate([moved[0], dconstant - dlater, dlater], axis=2)
+        return np.concatenate([phi0, constant - later, later], axis=1), slopes
+
+
+def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """exp(a dt) and its first two integrals over dt, (n, n) each, and their derivatives (f, n, n), where a has the
+    derivatives slopes (f, n, n): blocks of the exponential of [[a, 1, 0], [0, 0, 1], [0, 0, 0]] (Van Loan, IEEE Trans.
+    Automatic Control 23, 1978), of which [[a, da], [0, a]] gives the derivative."""
+    n = len(a)
+    f = len(slopes)
+    big = np.zeros((3 * n, 3 * n))
+    big[:n, :n], big[:n, n : 2 * n], big[n : 2 * n, 2 * n :] = a, np.eye(n), np.eye(n)
+    doubled = np.zeros((f, 6 * n, 6 * n))
+    doubled[:, : 3 * n, : 3 * n] = doubled[:, 3 * n :, 3 * n :] = big
+    doubled[:, :n, 3 * n : 4 * n] = slopes
+    value = expm(big * dt)
+    moved = expm(doubled * dt)[:, :n, 3 * n :]
+    columns = [slice(k * n, (k + 1) * n) for k in range(3)]
+    return [value[:n, k] for k in columns], [moved[:, :, k] for k in columns]
+
+
+def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearSensitivity:
+    """Linearise a model about states x (n,), inputs u (m,) at parameters p, of which `free` (f,) are free, by exact
+    derivatives."""
+    check_continuous(model, "linear model")
+    n = len(model.states)
+    m = len(model.inputs)
+    o = len(model.outputs)
+    matrix, columns = (part.full() for part in _function(model, free)(x, u, p))
+    slopes = columns.reshape((n + o, n + m, len(free)), order="F").transpose(2, 0, 1)
+    return LinearSensitivity(matrix=matrix, slopes=slopes, states=n)
+
+
+def entering(model: Model, free: np.ndarray) -> np.ndarray:
+    """(f,) whether each of the free parameters enters the linear model at all."""
+    slopes = _function(model, free).sparsity_out(1)
+    pattern = np.zeros(len(free), dtype=bool)
+    pattern[list(set(slopes.get_col()))] = True
+    return pattern
+
+
+def _function(model: Model, free: np.ndarray) -> ca.Function:
+    return cached(model, ("linear model", *free), lambda: _made(model, free))
+
+
+def _made(model: Model, free: np.ndarray) -> ca.Function:
+    equations = quiet(model, ca.vertcat(model.f, model.h))
+    variables = ca.vertcat(model.x, model.u)
+    matrix = ca.jacobian(equations, variables)
+    slopes = ca.jacobian(ca.vec(ca.densify(matrix)), ca.vertcat(*[model.p[int(i)] for i in free]))
+    return ca.Function("linear", [model.x, model.u, model.p], [ca.densify(matrix), slopes])

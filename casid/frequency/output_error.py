@@ -16,7 +16,6 @@ and Pereyra (SIAM J. Numerical Analysis 10, 1973), with exact derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,8 +24,8 @@ import numpy as np
 from casid.errors import EstimationError, check_known
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import EquationValue
-from casid.frequency.regression import Piece, check_band, fixing, pieces_of, real_rows
-from casid.frequency.sensitivity import LinearSensitivity, entering, sensitivity_at
+from casid.frequency.model_response import LinearSensitivity, entering, sensitivity_at
+from casid.frequency.regression import FourierCost, FourierRows, Piece, fixing, pieces_of, real_rows
 from casid.model.system import check_continuous
 from casid.records.record import Record
 
@@ -34,7 +33,7 @@ _SHOWN = 1e-9  # of the largest singular value: with a smaller one the output do
 
 
 @dataclass(frozen=True, kw_only=True)
-class FourierOutputError:
+class FourierOutputError(FourierCost):
     """Output error of the Fourier transforms in a band of frequencies: a cost for `Problem`.
 
     The model is linear about the mean of each record's measured motion, so the motion has to be small enough for that.
@@ -64,15 +63,6 @@ class FourierOutputError:
     -2.0
     """
 
-    band: tuple[float, float]
-
-    # nothing is simulated in time
-    output_weight = 0.0
-    equation_weight = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "band", check_band(self.band, "FourierOutputError"))
-
     def equations(self, problem: Problem) -> FourierOutputs:
         """The transformed outputs of a problem.
 
@@ -86,44 +76,35 @@ class FourierOutputError:
         return FourierOutputs(problem, self.band)
 
 
-class FourierOutputs:
-    """Transformed outputs of a problem: see `casid.estimation.transcriptions.equation.Equations`.
-
-    Rows of a record are those of its pieces one after the other, of each first the real parts at all frequencies.
-    """
+class FourierOutputs(FourierRows):
+    """Transformed outputs of a problem."""
 
     def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
         _check(problem)
         self._problem = problem
         self.names = problem.model.outputs
-        self._pieces = [_transformed(problem, record, r, band) for r, record in enumerate(problem.records)]
-        self.targets = [np.concatenate([real_rows(one.outputs) for one in own]) for own in self._pieces]
-        start = problem.start_parameters
-        for record, own in zip(problem.records, self._pieces, strict=True):
-            if not all(np.isfinite(self._linear(one, start).matrix).all() for one in own):
+        self._pieces = [p for r, record in enumerate(problem.records) for p in _transformed(problem, record, r, band)]
+        super().__init__([one.piece for one in self._pieces])
+        self.targets = self.by_record([real_rows(one.outputs) for one in self._pieces])
+        self.eliminated = 0
+        for one in self._pieces:
+            linear = self._linear(one, problem.start_parameters)
+            if not np.isfinite(linear.matrix).all():
                 raise EstimationError(
                     f"FourierOutputError: '{problem.model.name}' has no derivatives at the mean motion of record "
-                    f"'{record.name}'; measure its states, or use OutputError"
+                    f"'{problem.records[one.piece.record].name}'; measure its states, or use OutputError"
                 )
-        self.eliminated = sum(_Outputs(one, self._linear(one, start)).eliminated for own in self._pieces for one in own)
+            self.eliminated += _Outputs(one, linear).eliminated
 
     def value(self, parameters: np.ndarray) -> EquationValue:
         """Residuals at values (records, model parameters)."""
-        found = [[_Outputs(one, self._linear(one, parameters)).residuals for one in own] for own in self._pieces]
-        return EquationValue(residuals=[np.concatenate(rows) for rows in found])
+        found = [_Outputs(one, self._linear(one, parameters)).residuals for one in self._pieces]
+        return EquationValue(residuals=self.by_record(found))
 
-    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
-        """Rows of a record, and the derivatives (rows, outputs, free) of the residuals there."""
-        first = 0
-        for one in self._pieces[record]:
-            rows = _Outputs(one, self._linear(one, parameters)).derivatives
-            yield slice(first, first + len(rows)), rows
-            first += len(rows)
-
-    @property
-    def frequencies(self) -> list[np.ndarray]:
-        """Per record (rows,) the frequency of each row [rad/s]."""
-        return [np.concatenate([np.tile(one.piece.omega, 2) for one in own]) for own in self._pieces]
+    def slopes(self, parameters: np.ndarray, piece: int) -> np.ndarray:
+        """(rows, outputs, free) derivatives of the residuals of a piece."""
+        one = self._pieces[piece]
+        return _Outputs(one, self._linear(one, parameters)).derivatives
 
     def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearSensitivity:
         model = self._problem.model
@@ -175,15 +156,14 @@ class _Outputs:
     outputs, free), zero there. Both are free of the unknown step, output by output."""
 
     def __init__(self, one: _Transformed, linear: LinearSensitivity) -> None:
-        self._one = one
         self._linear = linear
-        self._transition = linear.sampled(one.piece.stretch.dt, one.held)
+        transition, self._moved = linear.sampled(one.piece.stretch.dt, one.held)
         n = linear.states
         m = len(one.u)
         z = np.exp(1j * one.piece.omega * one.piece.stretch.dt)
-        resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - self._transition.matrix[:, :n])
+        resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - transition[:, :n])
         inputs = np.concatenate([one.inputs, z[:, None] * one.inputs], axis=1)
-        states = np.einsum("kab,bc,kc->ka", resolvent, self._transition.matrix[:, n:], inputs, optimize=True)
+        states = np.einsum("kab,bc,kc->ka", resolvent, transition[:, n:], inputs, optimize=True)
         self._motion = np.concatenate([states, inputs], axis=1)  # (M, n+2m)
         self._measuring = linear.matrix[n:]  # (o, n+m)
         self._error = self._motion[:, : n + m] @ self._measuring.T - one.outputs
@@ -218,7 +198,7 @@ class _Outputs:
         """(rows, outputs, free) of the residuals."""
         n = self._n
         m = self._m
-        moved = self._transition.slopes
+        moved = self._moved  # (f, n, n+2m)
         slopes = self._linear.slopes[:, n:]  # (f, o, n+m)
         through = self._measuring[:, :n] @ self._resolvent  # (M, o, n)
         plain = np.einsum("foc,kc->kof", slopes, self._motion[:, : n + m], optimize=True)

@@ -23,8 +23,8 @@ from casid.errors import EstimationError, InputError
 from casid.estimation.problem import chosen_parameters
 from casid.estimation.transcriptions.equation import equation_form
 from casid.frames import brief
-from casid.frequency.regression import constants, fixing, real_rows
-from casid.model.system import EquationForm, Model
+from casid.frequency.regression import constants, fixing, lacking_derivatives, real_rows
+from casid.model.system import Model
 from casid.records.record import Record
 
 _FORGOTTEN = 1e-9  # of a column's size when it was new: it is rounding now
@@ -136,65 +136,52 @@ def track_derivatives(
     known = numbers_by_name(fixed or {}, f"{where}: fixed")
     chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
     own = tuple(name for name in chosen if name not in known)
-    form = equation_form(model)
-    equations = _Equations(
-        form=form,
-        names=own,
-        function=_regressors(model, form, own, known),
-        places=_places(model, form, own),
-        by_states=model.equation is None and bool(model.states),
-    )
-    return _tracked(equations, _samples(samples), grid, memory, every)
+    return _tracked(_Equations(model, own, known), _samples(samples), grid, memory, every)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class _Equations:
-    """Equations of a model, linear in its free parameters."""
+    """Equations of a model, linear in its free parameters `names`; all others but the `known` ones are nominal.
 
-    form: EquationForm
-    names: Sequence[str]  # of the free parameters
-    function: ca.Function  # (channels) -> (target less what is known, regressors (equations, free))
-    places: list[list[int]]  # per equation the free parameters in it
-    by_states: bool  # whether its targets are derivatives of states
+    function    channels -> (target less what is known, regressors (equations, free))
+    places      per equation the free parameters in it
+
+    Raises EstimationError for a parameter that cannot be determined.
+    """
+
+    def __init__(self, model: Model, names: Sequence[str], known: Mapping[str, float]) -> None:
+        self.model = model
+        self.names = names
+        self.form = form = equation_form(model)
+        free = [model.parameters.index(name) for name in names]
+        symbols = ca.vertcat(*[model.p[i] for i in free])
+        slopes = ca.jacobian(form.prediction, symbols)
+        for i, name in enumerate(names):
+            if ca.depends_on(slopes[:, i], symbols):
+                raise EstimationError(f"track_derivatives: the equations are not linear in '{name}'; fix it")
+        constant = constants(form, model, names)
+        if constant:
+            raise EstimationError(
+                f"track_derivatives: {', '.join(constant)} add a constant, which is left out; {fixing(model, constant)}"
+            )
+        pattern = np.array(ca.DM(ca.jacobian_sparsity(form.prediction, symbols), 1.0).full(), dtype=bool)
+        for name, count in zip(names, pattern.sum(axis=0).tolist(), strict=True):
+            if count != 1:
+                stands = "in no equation" if count == 0 else f"in {count} equations; expected one"
+                raise EstimationError(f"track_derivatives: '{name}' stands {stands}; fix it")
+        self.places = [np.flatnonzero(row).tolist() for row in pattern]
+        values = model.nominal_vector(known)
+        values[free] = 0.0
+        rest, slopes = ca.substitute([form.target - form.prediction, slopes], [model.p], [ca.DM(values)])
+        self.function = ca.Function("regressors", [form.m], [ca.densify(rest), ca.densify(slopes)])
 
     def differentiated(self, sample: Mapping[str, float]) -> dict[str, str]:
         """Derivative that the samples do not have -> the state that it is of. Raises InputError for a missing
         channel."""
-        found = {name: name.removesuffix("dot") for name in self.form.channels if name not in sample}
-        for name, base in found.items():
-            if not self.by_states or base == name or base not in sample:
+        found = lacking_derivatives(self.model, self.form, sample)
+        for name in self.form.channels:
+            if name not in sample and name not in found:
                 raise InputError(f"track_derivatives: the samples have no channel '{name}', which the equations need")
         return found
-
-
-def _regressors(model: Model, form: EquationForm, own: Sequence[str], known: Mapping[str, float]) -> ca.Function:
-    free = [model.parameters.index(name) for name in own]
-    symbols = ca.vertcat(*[model.p[i] for i in free])
-    slopes = ca.jacobian(form.prediction, symbols)
-    for i, name in enumerate(own):
-        if ca.depends_on(slopes[:, i], symbols):
-            raise EstimationError(f"track_derivatives: the equations are not linear in '{name}'; fix it")
-    values = model.nominal_vector(known)
-    values[free] = 0.0
-    rest, slopes = ca.substitute([form.target - form.prediction, slopes], [model.p], [ca.DM(values)])
-    return ca.Function("regressors", [form.m], [ca.densify(rest), ca.densify(slopes)])
-
-
-def _places(model: Model, form: EquationForm, own: Sequence[str]) -> list[list[int]]:
-    """Per equation its free parameters. Raises EstimationError where none can be determined."""
-    constant = constants(form, model, own)
-    if constant:
-        raise EstimationError(
-            f"track_derivatives: {', '.join(constant)} add a constant, which is left out; {fixing(model, constant)}"
-        )
-    symbols = ca.vertcat(*[model.p[model.parameters.index(name)] for name in own])
-    pattern = np.array(ca.DM(ca.jacobian_sparsity(form.prediction, symbols), 1.0).full(), dtype=bool)
-    for i, name in enumerate(own):
-        count = int(pattern[:, i].sum())
-        if count != 1:
-            stands = "in no equation" if count == 0 else f"in {count} equations; expected one"
-            raise EstimationError(f"track_derivatives: '{name}' stands {stands}; fix it")
-    return [np.flatnonzero(row).tolist() for row in pattern]
 
 
 def _samples(samples: Record | Iterable[Mapping[str, float]]) -> Iterable[Mapping[str, float]]:

@@ -12,13 +12,14 @@ are scaled so that their noise has the 1-sigma of the samples' noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from casid.errors import EstimationError, InputError
+from casid.errors import EstimationError
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import (
     EquationPart,
@@ -26,24 +27,26 @@ from casid.estimation.transcriptions.equation import (
     equation_form,
     recorded_or_differentiated,
 )
-from casid.frequency.transform import Stretch, chirp_z, stretches
+from casid.frequency.transform import Stretch, check_band, chirp_z, stretches
 from casid.model.system import EquationForm, Model, check_continuous
 from casid.records.record import Record
 
 
-def check_band(band: tuple[float, float], where: str) -> tuple[float, float]:
-    """(low, high) [rad/s], or an InputError with what to write."""
-    try:
-        low, high = (float(edge) for edge in band)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: band is {band!r}; expected (low, high) in rad/s, like band=(0.6, 12.0)") from None
-    if not 0.0 <= low < high < np.inf:
-        raise InputError(f"{where}: band is ({low:g}, {high:g}); expected 0 <= low < high in rad/s")
-    return low, high
+@dataclass(frozen=True, kw_only=True)
+class FourierCost:
+    """A cost of Fourier transforms in a band (low, high) of frequencies [rad/s]. Nothing is simulated in time."""
+
+    band: tuple[float, float]
+
+    output_weight = 0.0
+    equation_weight = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "band", check_band(self.band, type(self).__name__))
 
 
 @dataclass(frozen=True, kw_only=True)
-class FourierEquationError:
+class FourierEquationError(FourierCost):
     """Equation error of the Fourier transforms of all signals, in a band of frequencies: a cost for `Problem`.
 
     The equations are those of `EquationError`: the coefficients of an aircraft, or the state equations with measured
@@ -75,15 +78,6 @@ class FourierEquationError:
     >>> round(cs.solve(cs.Problem(roll, [record], free=["Lp"], cost=cost))["Lp"].value, 2)
     -2.0
     """
-
-    band: tuple[float, float]
-
-    # nothing is simulated in time
-    output_weight = 0.0
-    equation_weight = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "band", check_band(self.band, "FourierEquationError"))
 
     def equations(self, problem: Problem) -> FourierEquations:
         """The transformed equations of a problem.
@@ -143,46 +137,63 @@ def pieces_of(
     return found
 
 
-class FourierEquations:
-    """The equations of a problem, Fourier transformed: see `casid.estimation.transcriptions.equation.Equations`.
+class FourierRows(ABC):
+    """Rows of Fourier transforms: see `casid.estimation.transcriptions.equation.Equations`.
 
     Rows of a record are those of its pieces one after the other, of each first the real parts at all frequencies.
     """
 
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self._record = np.array([one.record for one in pieces])
+        self.frequencies = self.by_record([np.tile(one.omega, 2) for one in pieces])  # of each row [rad/s]
+
+    def by_record(self, rows: list[np.ndarray]) -> list[np.ndarray]:
+        """Per record the rows of its pieces, of which there are some of each."""
+        records = range(int(self._record.max()) + 1)
+        return [np.concatenate([rows[int(i)] for i in np.flatnonzero(self._record == r)]) for r in records]
+
+    @abstractmethod
+    def slopes(self, parameters: np.ndarray, piece: int) -> np.ndarray:
+        """(rows, columns, free) derivatives of the residuals of a piece."""
+
+    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Rows of a record, and the derivatives (rows, columns, free) of the residuals there."""
+        first = 0
+        for i in np.flatnonzero(self._record == record):
+            rows = self.slopes(parameters, int(i))
+            yield slice(first, first + len(rows)), rows
+            first += len(rows)
+
+
+class FourierEquations(FourierRows):
+    """The equations of a problem, Fourier transformed."""
+
     def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
         form = equation_form(problem.model)
-        _check_constants(problem, form)
+        idle = constants(form, problem.model, problem.shared + problem.local)
+        if idle:
+            raise EstimationError(
+                f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
+                f"frequencies; {fixing(problem.model, idle)}"
+            )
         self.names = form.names
         self._pieces = [p for r, record in enumerate(problem.records) for p in _pieces(problem, record, r, form, band)]
-        self._record = np.array([one.piece.record for one in self._pieces])
+        super().__init__([one.piece for one in self._pieces])
         self._part = EquationPart(problem, [(one.piece.record, one.signals) for one in self._pieces])
         self.eliminated = sum(len(one.differentiated) for one in self._pieces)
         targets = zip(self._pieces, self._part.targets, strict=True)
-        self.targets = self._by_record([one.rows(target) + one.derivatives for one, target in targets])
+        self.targets = self.by_record([one.rows(target) + one.derivatives for one, target in targets])
 
     def value(self, parameters: np.ndarray) -> EquationValue:
         """Residuals at values (records, model parameters)."""
         found = self._part.value(parameters).residuals
         rows = [one.rows(residual) - one.derivatives for one, residual in zip(self._pieces, found, strict=True)]
-        return EquationValue(residuals=self._by_record(rows))
+        return EquationValue(residuals=self.by_record(rows))
 
-    def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
-        """Rows of a record, and the derivatives (rows, equations, free) of the residuals there."""
-        first = 0
-        for i in np.flatnonzero(self._record == record):
-            samples = [rows for _, rows in self._part.slabs(parameters, int(i))]
-            rows = self._pieces[i].rows(np.concatenate(samples))
-            yield slice(first, first + len(rows)), rows
-            first += len(rows)
-
-    @property
-    def frequencies(self) -> list[np.ndarray]:
-        """Per record (rows,) the frequency of each row [rad/s]."""
-        return self._by_record([np.tile(one.piece.omega, 2) for one in self._pieces])
-
-    def _by_record(self, rows: list[np.ndarray]) -> list[np.ndarray]:
-        records = range(int(self._record.max()) + 1)
-        return [np.concatenate([rows[i] for i in np.flatnonzero(self._record == r)]) for r in records]
+    def slopes(self, parameters: np.ndarray, piece: int) -> np.ndarray:
+        """(rows, equations, free) derivatives of the residuals of a piece."""
+        samples = [rows for _, rows in self._part.slabs(parameters, piece)]
+        return self._pieces[piece].rows(np.concatenate(samples))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -211,10 +222,9 @@ def _pieces(
 ) -> list[_Signals]:
     """The pieces of a record with what the equations take of them."""
     where = type(problem.cost).__name__
-    absent = {name: name.removesuffix("dot") for name in form.channels if name not in record and name != "t"}
-    by_states = problem.model.equation is None and bool(problem.model.states)
-    lacking = {name: base for name, base in absent.items() if by_states and base != name and base in record}
-    smoothed = {n: recorded_or_differentiated(record, n) for n in form.channels if n in {*absent, "t"} - {*lacking}}
+    lacking = lacking_derivatives(problem.model, form, record.channels)
+    others = [n for n in form.channels if n not in record.channels and n not in lacking]
+    smoothed = {name: recorded_or_differentiated(record, name) for name in others}
     channels = list(dict.fromkeys(lacking.get(name, name) for name in form.channels))
     found = []
     for piece in pieces_of(record.with_channels(**smoothed), index, channels, band, where):
@@ -237,6 +247,15 @@ def _pieces(
     return found
 
 
+def lacking_derivatives(model: Model, form: EquationForm, there: Container[str]) -> dict[str, str]:
+    """Derivatives of states that the state equations of a model need and that are not `there` -> the states, which
+    are."""
+    if model.equation is not None or not model.states:
+        return {}
+    dots = {name: name.removesuffix("dot") for name in form.channels if name.endswith("dot") and name not in there}
+    return {name: base for name, base in dots.items() if base in there}
+
+
 def constants(form: EquationForm, model: Model, names: Iterable[str]) -> list[str]:
     """Those of the named parameters whose regressor is the same at every sample."""
     found = []
@@ -245,16 +264,6 @@ def constants(form: EquationForm, model: Model, names: Iterable[str]) -> list[st
         if slope.nnz() and not ca.depends_on(slope, form.m):
             found.append(name)
     return found
-
-
-def _check_constants(problem: Problem, form: EquationForm) -> None:
-    """Raise EstimationError for free parameters without effect in a band of frequencies."""
-    idle = constants(form, problem.model, problem.shared + problem.local)
-    if idle:
-        raise EstimationError(
-            f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
-            f"frequencies; {fixing(problem.model, idle)}"
-        )
 
 
 def fixing(model: Model, names: Sequence[str]) -> str:

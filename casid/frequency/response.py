@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.above import ask_above
-from casid.arguments import given, names, number, require
+from casid.arguments import names, number, require
 from casid.errors import InputError, check_known
 from casid.frames import Rows, brief
-from casid.frequency.spectra import Spectra, spectra
-from casid.frequency.transform import Stretch, stretches
+from casid.frequency.transform import Spectra, Stretch, check_band, spectra, stretches
 from casid.keeping import plain, save
 from casid.records.given import given_records
 from casid.records.record import Record
@@ -347,14 +346,8 @@ def _part_of(power: np.ndarray, explained: np.ndarray) -> np.ndarray:
 
 
 def _between(band: tuple[float, float]) -> np.ndarray:
-    if isinstance(band, str) or not isinstance(band, Sequence) or len(band) != 2:
-        raise InputError(
-            f"frequency_response: band is {given(band)}; expected two frequencies in rad/s, like (1.0, 10.0)"
-        )
-    low, high = (number(one, "frequency_response: band", positive=True) for one in band)
-    if not low < high:
-        raise InputError(f"frequency_response: band is {low:g} to {high:g} rad/s; expected the lower one first")
-    return np.geomspace(low, high, _COUNT)
+    low, high = check_band(band, "frequency_response")
+    return np.geomspace(number(low, "frequency_response: the low end of band", positive=True), high, _COUNT)
 
 
 def _wanted(omega: np.ndarray | Sequence[float]) -> np.ndarray:

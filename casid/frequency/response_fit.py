@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy
@@ -19,6 +19,7 @@ from casid.frames import Rows, brief
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
 from casid.frequency.precision import Precision, precision
 from casid.frequency.response import USABLE, FrequencyResponse
+from casid.frequency.transform import check_band
 
 _DB = 20.0 / np.log(10.0)  # of a gain whose logarithm is one
 _EVALUATIONS = 200  # of one start
@@ -212,37 +213,33 @@ class ResponseFit:
         return "\n".join(lines)
 
 
-class ResponseModel(Protocol):
-    """Model that is fitted: complex responses as a function of parameters."""
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Names of the free parameters."""
-        ...
-
-    def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) response at the frequencies of `one`, and (M, parameters) the derivatives of its logarithm."""
-        ...
+# (response, values (parameters,)) -> (M,) what a model has at its frequencies, and (M, parameters) the derivatives of
+# the logarithm of that
+Respond = Callable[[MeasuredResponse, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def fit_responses(
-    model: ResponseModel, measured: Sequence[Measured], starts: np.ndarray, fixed: Mapping[str, float]
+    respond: Respond,
+    measured: Sequence[Measured],
+    starts: Sequence[Mapping[str, float]],
+    free: Sequence[str],
+    fixed: Mapping[str, float],
 ) -> ResponseFit:
-    """The best fit from several starts (starts, parameters). Raises EstimationError where no start has a finite cost,
-    and for more parameters than numbers in the responses."""
+    """The best fit of the `free` parameters from several starts, which are tables of values. Raises EstimationError
+    where no start has a finite cost, and for more parameters than numbers in the responses."""
     count = sum(2 * len(one.error) for one in measured)
-    if starts.shape[1] >= count:
+    if len(free) >= count:
         raise EstimationError(
-            f"response fit: {starts.shape[1]} free parameters and {count} numbers in the responses; fix some"
+            f"response fit: {len(free)} free parameters and {count} numbers in the responses; fix some"
         )
     best = None
-    for start in np.unique(starts, axis=0):
-        if not np.isfinite(_rows(model, measured, start)[0]).all():
+    for start in np.unique([[table[name] for name in free] for table in starts], axis=0):
+        if not np.isfinite(_rows(respond, measured, start)[0]).all():
             continue
         found = scipy.optimize.least_squares(
-            lambda p: np.nan_to_num(_rows(model, measured, p)[0], nan=_FAR, posinf=_FAR, neginf=-_FAR),
+            lambda p: np.nan_to_num(_rows(respond, measured, p)[0], nan=_FAR, posinf=_FAR, neginf=-_FAR),
             start,
-            jac=lambda p: np.nan_to_num(_rows(model, measured, p)[1]),  # pyright: ignore[reportArgumentType]
+            jac=lambda p: np.nan_to_num(_rows(respond, measured, p)[1]),  # pyright: ignore[reportArgumentType]
             method="lm",
             x_scale="jac",
             ftol=_TOLERANCE,
@@ -255,7 +252,23 @@ def fit_responses(
     if best is None:
         raise EstimationError("response fit: the model has no finite response at any start; give other start values")
     ended = CONVERGED if best.status > 0 else out_of_steps(_EVALUATIONS, "evaluations")
-    return _result(model, measured, best.x, fixed, ended)
+    residual, slopes = _rows(respond, measured, best.x)
+    covariance = _covariance(measured, residual, slopes)
+    if ended.converged and not np.isfinite(covariance).all():
+        ended = Status(result=Results.NOT_IDENTIFIABLE, reason="the parameters cannot be told apart")
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    ends = np.cumsum([2 * len(one.error) for one in measured])[:-1]
+    return ResponseFit(
+        parameters={
+            name: ResponseParameter(name=name, value=float(best.x[i]), std=float(std[i])) for i, name in enumerate(free)
+        },
+        fixed=dict(fixed),
+        covariance=covariance,
+        costs={one.label: float(rows @ rows) for one, rows in zip(measured, np.split(residual, ends), strict=True)},
+        responses={one.label: one.response for one in measured},
+        fitted={one.label: respond(one.response, best.x)[0] for one in measured},
+        ended=ended,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -287,8 +300,9 @@ def label_of(response: AnyResponse) -> str:
 def measured_responses(
     responses: AnyResponse | Sequence[AnyResponse], band: tuple[float, float] | None, where: str
 ) -> list[Measured]:
-    """Each response at the usable frequencies in the band, with its weights. Raises InputError for what is no response,
-    the same one twice, and a band without usable frequencies."""
+    """Each response at the usable frequencies in the band, with its weights. Raises InputError for what is no band, no
+    response, the same one twice, and a band without usable frequencies."""
+    low, high = (0.0, np.inf) if band is None else check_band(band, where)
     many = [responses] if isinstance(responses, FrequencyResponse | MeasuredResponse) else list(responses)
     found: dict[str, Measured] = {}
     for one in many:
@@ -296,7 +310,6 @@ def measured_responses(
             raise InputError(f"{where}: expected responses from cs.frequency_response or cs.MeasuredResponse(...)")
         if label_of(one) in found:
             raise InputError(f"{where}: two responses of {label_of(one)}; expected each once")
-        low, high = band or (0.0, np.inf)
         use = (one.omega >= low * (1 - 1e-9)) & (one.omega <= high * (1 + 1e-9)) & one.usable
         if use.sum() < 2:
             raise InputError(
@@ -342,13 +355,13 @@ def _hann_overlap(bins: np.ndarray) -> np.ndarray:
     return np.abs(total) / (3 / 8)
 
 
-def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rows(respond: Respond, measured: Sequence[Measured], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) of which the sum of squares is the sum of the costs J, dB then deg of each response, and (rows,
     parameters) their derivatives."""
     rows = []
     slopes = []
     for one in measured:
-        found, gradient = model.response(one.response, values)
+        found, gradient = respond(one.response, values)
         with np.errstate(all="ignore"):
             error = np.log(found / one.response.response)
         for part, factor in zip((np.real, np.imag), one.factors, strict=True):
@@ -368,32 +381,14 @@ def _noise(measured: Sequence[Measured]) -> np.ndarray:
     )
 
 
-def _result(
-    model: ResponseModel, measured: Sequence[Measured], values: np.ndarray, fixed: Mapping[str, float], ended: Status
-) -> ResponseFit:
-    residual, slopes = _rows(model, measured, values)
+def _covariance(measured: Sequence[Measured], residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """(parameters, parameters) of the estimate, NaN where the rows do not tell the parameters apart."""
     scale = np.linalg.norm(slopes, axis=0)
     scale = 1.0 / np.where(scale > 0.0, scale, 1.0)
     left, singular, right = np.linalg.svd(slopes * scale, full_matrices=False)
-    covariance = np.full((len(values), len(values)), np.nan)
-    if singular[-1] > 1e-10 * singular[0]:
-        gain = scale[:, None] * (right.T / singular) @ left.T  # (parameters, rows) of the estimate by the rows
-        noise = _noise(measured)
-        rest = np.trace(noise) - np.trace(left.T @ noise @ left)  # what is left of it in the residuals
-        covariance = gain @ noise @ gain.T * float(residual @ residual) / rest
-    elif ended.converged:
-        ended = Status(result=Results.NOT_IDENTIFIABLE, reason="the parameters cannot be told apart")
-    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    ends = np.cumsum([2 * len(one.error) for one in measured])[:-1]
-    return ResponseFit(
-        parameters={
-            name: ResponseParameter(name=name, value=float(values[i]), std=float(std[i]))
-            for i, name in enumerate(model.names)
-        },
-        fixed=dict(fixed),
-        covariance=covariance,
-        costs={one.label: float(rows @ rows) for one, rows in zip(measured, np.split(residual, ends), strict=True)},
-        responses={one.label: one.response for one in measured},
-        fitted={one.label: model.response(one.response, values)[0] for one in measured},
-        ended=ended,
-    )
+    if not singular[-1] > 1e-10 * singular[0]:
+        return np.full((len(scale), len(scale)), np.nan)
+    gain = scale[:, None] * (right.T / singular) @ left.T  # (parameters, rows) of the estimate by the rows
+    noise = _noise(measured)
+    rest = np.trace(noise) - np.trace(left.T @ noise @ left)  # what is left of it in the residuals
+    return gain @ noise @ gain.T * float(residual @ residual) / rest

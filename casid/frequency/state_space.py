@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from casid.arguments import names, numbers_by_name, require
 from casid.errors import EstimationError, check_known
 from casid.estimation.problem import chosen_parameters
-from casid.frequency.model_response import Point, linear_model
-from casid.frequency.regression import check_band
+from casid.frequency.model_response import Point, entering, linear_model, sensitivity_at
 from casid.frequency.response_fit import AnyResponse, MeasuredResponse, ResponseFit, fit_responses, measured_responses
-from casid.frequency.sensitivity import entering, sensitivity_at
 from casid.model.system import Model
 
 
@@ -82,66 +79,42 @@ def fit_state_space(
     """
     where = "fit_state_space"
     require(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
-    measured = measured_responses(responses, None if band is None else check_band(band, where), where)
+    measured = measured_responses(responses, band, where)
     for one in measured:
         check_known("input", (one.response.input,), model.inputs, f"{where}: model '{model.name}'")
         check_known("output", (one.response.output,), model.outputs, f"{where}: model '{model.name}'")
     chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
     known = numbers_by_name(fixed or {}, f"{where}: fixed")
-    late = names(delays, f"{where}: delays")
+    late = {name: f"tau_{name}" for name in names(delays, f"{where}: delays")}
     check_known("input or output", late, (*model.inputs, *model.outputs), f"{where}: delays")
-    own = tuple(name for name in chosen if name not in known)
+    own = [name for name in chosen if name not in known]
     begin = numbers_by_name(start or {}, f"{where}: start")
-    free_names = (*own, *(f"tau_{name}" for name in late if f"tau_{name}" not in known))
-    check_known("free parameter", begin, free_names, f"{where}: start")
-    of_model = {name: value for name, value in known.items() if name not in {f"tau_{one}" for one in late}}
+    every = [*own, *(tau for tau in late.values() if tau not in known)]
+    check_known("free parameter", begin, every, f"{where}: start")
+    of_model = {name: value for name, value in known.items() if name not in late.values()}
     point = linear_model(model, at if at is not None else {}, values=of_model).point
     index = np.array([model.parameters.index(name) for name in own], dtype=int)
     idle = [name for name, used in zip(own, entering(model, index), strict=True) if not used] if own else []
     if idle:
         raise EstimationError(f"{where}: {', '.join(idle)} do not enter the linear model of '{model.name}'; fix them")
-    problem = _Linear(
-        model=model,
-        names=free_names,
-        index=index,
-        known=model.nominal_vector(of_model),
-        delays={name: known.get(f"tau_{name}", 0.0) for name in late},
-        x=np.array([point[name] for name in model.states]),
-        u=np.array([point[name] for name in model.inputs]),
-    )
-    starts = np.array([[begin.get(name, model.nominal.get(name, 0.0)) for name in free_names]])
-    return fit_responses(problem, measured, starts, known)
+    x = np.array([point[name] for name in model.states])
+    u = np.array([point[name] for name in model.inputs])
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Linear:
-    """A model about states x and inputs u with delays, of which some parameters are free: a `ResponseModel`."""
-
-    model: Model
-    names: tuple[str, ...]
-    index: np.ndarray
-    known: np.ndarray
-    delays: Mapping[str, float]
-    x: np.ndarray
-    u: np.ndarray
-
-    def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) response at the frequencies of `one`, and (M, parameters) the derivatives of its logarithm."""
-        p = self.known.copy()
-        p[self.index] = values[: len(self.index)]
-        linear = sensitivity_at(self.model, self.index, self.x, self.u, p)
-        row = self.model.outputs.index(one.output)
-        column = self.model.inputs.index(one.input)
-        gain, slopes = linear.response(one.omega)
+    def respond(one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Respond`."""
+        table = known | dict(zip(every, values.tolist(), strict=True))
+        p = model.nominal_vector(of_model | {name: table[name] for name in own})
+        gain, slopes = sensitivity_at(model, index, x, u, p).response(one.omega)
+        row = model.outputs.index(one.output)
+        column = model.inputs.index(one.input)
         found = gain[:, row, column]
+        gradient = np.zeros((len(found), len(values)), complex)
         with np.errstate(all="ignore"):
-            gradient = np.zeros((len(found), len(values)), complex)
-            gradient[:, : len(self.index)] = slopes[:, :, row, column] / found[:, None]
-        for name, delay in self.delays.items():
-            if name in (one.input, one.output):
-                if f"tau_{name}" in self.names:
-                    place = self.names.index(f"tau_{name}")
-                    delay = values[place]
-                    gradient[:, place] = -1j * one.omega
-                found = found * np.exp(-1j * one.omega * delay)
+            gradient[:, : len(own)] = slopes[:, :, row, column] / found[:, None]
+        for tau in (tau for name, tau in late.items() if name in (one.input, one.output)):
+            found = found * np.exp(-1j * one.omega * table[tau])
+            gradient[:, [name == tau for name in every]] = -1j * one.omega[:, None]
         return found, gradient
+
+    starts = [{name: begin.get(name, model.nominal.get(name, 0.0)) for name in every}]
+    return fit_responses(respond, measured, starts, every, known)

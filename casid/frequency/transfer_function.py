@@ -15,7 +15,6 @@ import numpy as np
 
 from casid.arguments import given, names, numbers_by_name, one_line, require, sequence
 from casid.errors import InputError, check_known
-from casid.frequency.regression import check_band
 from casid.frequency.response_fit import (
     AnyResponse,
     Measured,
@@ -202,7 +201,6 @@ def fit_transfer_functions(
     (1.5, 0.1)
     """
     where = "fit_transfer_functions"
-    band = None if band is None else check_band(band, where)
     forms = _forms(form)
     measured = measured_responses(responses, band, where)
     outputs = [one.response.output for one in measured]
@@ -219,13 +217,16 @@ def fit_transfer_functions(
     free = tuple(name for name in names if name not in known)
     if not free:
         raise InputError(f"{where}: every parameter is fixed; expected one that is free")
-    model = _Forms(forms=used, names=free, fixed=known)
-    starts = np.array([[one[name] for name in free] for one in _starts(used, measured, known | begin)])
-    fit = fit_responses(model, measured, starts, known)
+
+    def respond(one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Respond`."""
+        found, slopes = used[one.output].with_slopes(one.omega, dict(zip(free, values.tolist(), strict=True)) | known)
+        nothing = np.zeros(len(one.omega))
+        return found, np.stack([slopes.get(name, nothing) for name in free], axis=1)
+
+    fit = fit_responses(respond, measured, _starts(used, measured, known | begin), free, known)
     positive = _positive(used, fit.values)
-    if positive == fit.values:
-        return fit
-    return fit_responses(model, measured, np.array([[positive[name] for name in free]]), known)
+    return fit if positive == fit.values else fit_responses(respond, measured, [positive], free, known)
 
 
 def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferFunction]:
@@ -236,22 +237,6 @@ def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferF
     for one in require(form, Mapping, where, '"short period" or {"q": cs.TransferFunction(gain="K_q", ...)}').values():
         require(one, TransferFunction, where, 'cs.TransferFunction(gain="K_q", ...)')
     return form
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Forms:
-    """Transfer functions by output, of which some parameters are free: a `ResponseModel`."""
-
-    forms: Mapping[str, TransferFunction]
-    names: tuple[str, ...]
-    fixed: Mapping[str, float]
-
-    def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) response at the frequencies of `one`, and (M, parameters) the derivatives of its logarithm."""
-        table = dict(zip(self.names, values.tolist(), strict=True)) | dict(self.fixed)
-        found, slopes = self.forms[one.output].with_slopes(one.omega, table)
-        nothing = np.zeros(len(one.omega))
-        return found, np.stack([slopes.get(name, nothing) for name in self.names], axis=1)
 
 
 def _starts(

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from casid.acceptance.checks import EXTENDED, GIVEN, compared_channels, span
+from casid.acceptance.checks import EXTENDED, GIVEN, MatchedTest, Side, compared_channels, span
 from casid.acceptance.justification import Rationale, rationale_of
-from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told

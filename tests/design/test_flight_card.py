@@ -68,10 +68,11 @@ def test_an_autopilot_gets_the_whole_command_in_the_unit_of_its_head(steps: list
 
 def test_what_is_expected_has_its_limit_and_its_unit() -> None:
     record, _ = flown([(5, 3.0)])
-    by = {one.channel: one for one in flight_card(record, EXPERIMENT).expected}
+    card = flight_card(record, EXPERIMENT)
+    by = {one.channel: one for one in card.expected}
     change = np.degrees(record["alpha"] - record["alpha"][0])
     assert (by["alpha"].least, by["alpha"].most) == pytest.approx((change.min(), change.max()))
-    assert by["alpha"].limit == pytest.approx(np.degrees(LIMIT)) and by["alpha"].unit == "deg"
+    assert by["alpha"].limit == pytest.approx(np.degrees(LIMIT)) and card.units["alpha"] == "deg"
     assert np.isnan(by["q"].limit)
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from casid.design import separation as design
 from casid.design.experiment import Experiment
+from casid.design.input_shapes import flyable
 from casid.design.level_flight import Limits, level_rivals, plane_of
-from casid.design.manoeuvres import flyable
 from casid.design.separation import NextFlight, NoManoeuvre, Rivals, separating_manoeuvre, separation
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare

@@ -11,8 +11,7 @@ from scipy import signal
 import casid as cs
 from casid.errors import InputError
 from casid.frequency.response import FrequencyResponse, phase_deg, random_error
-from casid.frequency.spectra import spectra
-from casid.frequency.transform import Stretch
+from casid.frequency.transform import Stretch, spectra
 from casid.records.record import Record
 
 DT = 0.02

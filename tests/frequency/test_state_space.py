@@ -9,7 +9,7 @@ from small_flight import aircraft_file
 
 import casid as cs
 from casid.errors import EstimationError, InputError
-from casid.frequency.sensitivity import sensitivity_at
+from casid.frequency.model_response import sensitivity_at
 
 OMEGA = np.geomspace(0.4, 15.0, 25)
 
@@ -69,14 +69,14 @@ def test_sensitivities_of_an_aircraft_are_those_of_differences() -> None:
     p = model.nominal_vector()
     held = np.zeros(len(u), dtype=bool)
     _, slopes = at(p).response(OMEGA)
-    moved = at(p).sampled(0.02, held).slopes
+    _, moved = at(p).sampled(0.02, held)
     for i, k in enumerate(free):
         step = np.zeros(len(p))
         step[k] = 1e-5 * abs(p[k])
         up, down = at(p + step), at(p - step)
         difference = (up.response(OMEGA)[0] - down.response(OMEGA)[0]) / (2.0 * step[k])
         assert slopes[:, i] == pytest.approx(difference, rel=1e-5, abs=1e-6 * np.abs(difference).max())
-        difference = (up.sampled(0.02, held).matrix - down.sampled(0.02, held).matrix) / (2.0 * step[k])
+        difference = (up.sampled(0.02, held)[0] - down.sampled(0.02, held)[0]) / (2.0 * step[k])
         assert moved[i] == pytest.approx(difference, rel=1e-5, abs=1e-6 * np.abs(difference).max())
 
 
