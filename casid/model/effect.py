@@ -27,7 +27,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.model.airframe import Airframe
 from casid.model.operators import folded
-from casid.model.rotors import Rotors
+from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES, unit_of
@@ -94,6 +94,11 @@ class Event:
     extent: str | None = None
     # how long it acts: its onset and its end are apart, and nothing is left after it
     lasts: str | None = None
+
+
+def grid(**sizes: Iterable[float]) -> tuple[dict[str, float], ...]:
+    """Every combination of sizes by name, the last one first."""
+    return tuple(dict(zip(sizes, chosen, strict=True)) for chosen in product(*sizes.values()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,8 +402,21 @@ def _again(kind: str, target: str, term: str | None, name: str, further: Mapping
     return _with(made, further)
 
 
+def of_kind(kind: str) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
+    """Let the effects that a function makes for a target (and a term) have these, and a kind."""
+
+    def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
+        @wraps(define)
+        def make(target: str = "", term: str | None = None) -> Effect:
+            made = define(*filter(None, (target, term)))
+            return replace(made, kind=kind, target=made.target or target, term=made.term or term)
+
+        return make
+
+    return register
+
+
 def cause(
-    kind: str,
     *,
     targets: Iterable[str] = (),
     terms: Iterable[str] = (),
@@ -406,19 +424,24 @@ def cause(
     candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
     **said: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function makes its Effect for
-    a target (and a term). `candidates` are one effect for every target and term when they are not given."""
+    """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function, whose name it has,
+    makes its Effect for a target (and a term). `candidates` are one effect for every target, rotor and term when they
+    are not given."""
     valid = tuple(targets)
     terms = tuple(terms)
 
     def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
-        @wraps(define)
-        def make(*place: Any, **named: Any) -> Effect:
-            return replace(define(*place, **named), kind=kind)
+        kind = define.__name__
+        make = of_kind(kind)(define)
+
+        def sought_at(aircraft: Airframe) -> Iterable[str]:
+            if not said.get("of_rotors"):
+                return valid or ("",)
+            rotors = aircraft.rotors.names if aircraft.rotors else ()
+            return (*valid, *rotors) if valid or not rotors else (*rotors, ALL)
 
         def one_for_each_place(aircraft: Airframe) -> Iterable[Effect]:
-            rotors = aircraft.rotors.names if said.get("of_rotors") and aircraft.rotors else ()
-            every = (*valid, *rotors) or ("",)
+            every = sought_at(aircraft)
             return starmap(make, product(every, terms) if terms else product(every))
 
         told = {"targets": valid, "terms": terms, "needs_term": needs_term or bool(terms)}
