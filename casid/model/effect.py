@@ -42,7 +42,6 @@ class Readable(Protocol):
 
     def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
         """Let an instrument `read` something else than what is; of an input, `true` gives what acts from its record."""
-        ...
 
 
 class Equations(Readable, Protocol):
@@ -50,19 +49,15 @@ class Equations(Readable, Protocol):
 
     def adds(self, state: str, expression: Any) -> None:
         """Add an expression to the equation of a state."""
-        ...
 
     def shifts(self, parameter: str, by: Any, equation: str = "") -> None:
         """Let a parameter differ from its value by an expression, in the `equation` of a state or in all."""
-        ...
 
     def scales(self, name: str, by: Any) -> None:
         """Multiply the equation of a state, or a parameter."""
-        ...
 
     def term(self, name: str) -> Any:
         """Expression of a term in states and inputs."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,12 +264,10 @@ class Effect:
         return self.of_an_instrument or self.of_a_surface or at_a_port
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
-        """Pickle by the name in the register of causes, since functions cannot be pickled, and what differs from
-        there."""
-        made = _registered(self.kind, self.target, self.term, self.name)
-        if made is None:
+        """Pickle by the name in the register of causes, since functions cannot be pickled, and all other fields."""
+        if _registered(*self.key, self.name) is None:
             raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
-        return _again, (self.kind, self.target, self.term, self.name, _other_fields(self, made))
+        return _again, (*self.key, self.name, _no_functions(self))
 
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are reported and written into a file."""
@@ -373,22 +366,14 @@ def _registered(kind: str, target: str, term: str | None, name: str) -> Effect |
     return next((effect for effect in made if effect.name == name), None)
 
 
-def _other_fields(own: Any, made: Any) -> dict[str, Any]:
-    """The fields that differ and are no functions; of a group, its own such fields."""
-    found: dict[str, Any] = {}
-    for name in (f.name for f in fields(own)):
-        value = getattr(own, name)
-        before = getattr(made, name)
-        if isinstance(value, _GROUPS) and type(value) is type(before):
-            if inside := _other_fields(value, before):
-                found[name] = inside
-        elif not callable(value) and value != before:
-            found[name] = value
-    return found
+def _no_functions(one: Any) -> dict[str, Any]:
+    """The fields that are no functions; of a group, its own such fields."""
+    own = {f.name: getattr(one, f.name) for f in fields(one)}
+    return {n: _no_functions(v) if isinstance(v, _GROUPS) else v for n, v in own.items() if not callable(v)}
 
 
 def _with(made: Any, further: Mapping[str, Any]) -> Any:
-    """Return a copy with the fields of `_other_fields`."""
+    """Return a copy with the fields of `_no_functions`."""
     now = {name: getattr(made, name) for name in further}
     groups = {name: _with(now[name], value) for name, value in further.items() if isinstance(now[name], _GROUPS)}
     return replace(made, **{**further, **groups})
