@@ -27,7 +27,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.model.airframe import Airframe
 from casid.model.operators import folded
-from casid.model.rotors import Rotors
+from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES, unit_of
@@ -42,7 +42,6 @@ class Readable(Protocol):
 
     def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
         """Let an instrument `read` something else than what is; of an input, `true` gives what acts from its record."""
-        ...
 
 
 class Equations(Readable, Protocol):
@@ -50,19 +49,15 @@ class Equations(Readable, Protocol):
 
     def adds(self, state: str, expression: Any) -> None:
         """Add an expression to the equation of a state."""
-        ...
 
     def shifts(self, parameter: str, by: Any, equation: str = "") -> None:
         """Let a parameter differ from its value by an expression, in the `equation` of a state or in all."""
-        ...
 
     def scales(self, name: str, by: Any) -> None:
         """Multiply the equation of a state, or a parameter."""
-        ...
 
     def term(self, name: str) -> Any:
         """Expression of a term in states and inputs."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +89,11 @@ class Event:
     extent: str | None = None
     # how long it acts: its onset and its end are apart, and nothing is left after it
     lasts: str | None = None
+
+
+def grid(**sizes: Iterable[float]) -> tuple[dict[str, float], ...]:
+    """Every combination of sizes by name, the last one first."""
+    return tuple(dict(zip(sizes, chosen, strict=True)) for chosen in product(*sizes.values()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,12 +264,10 @@ class Effect:
         return self.of_an_instrument or self.of_a_surface or at_a_port
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
-        """Pickle by the name in the register of causes, since functions cannot be pickled, and what differs from
-        there."""
-        made = _registered(self.kind, self.target, self.term, self.name)
-        if made is None:
+        """Pickle by the name in the register of causes, since functions cannot be pickled, and all other fields."""
+        if _registered(*self.key, self.name) is None:
             raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
-        return _again, (self.kind, self.target, self.term, self.name, _other_fields(self, made))
+        return _again, (*self.key, self.name, _no_functions(self))
 
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are reported and written into a file."""
@@ -368,22 +366,14 @@ def _registered(kind: str, target: str, term: str | None, name: str) -> Effect |
     return next((effect for effect in made if effect.name == name), None)
 
 
-def _other_fields(own: Any, made: Any) -> dict[str, Any]:
-    """The fields that differ and are no functions; of a group, its own such fields."""
-    found: dict[str, Any] = {}
-    for name in (f.name for f in fields(own)):
-        value = getattr(own, name)
-        before = getattr(made, name)
-        if isinstance(value, _GROUPS) and type(value) is type(before):
-            if inside := _other_fields(value, before):
-                found[name] = inside
-        elif not callable(value) and value != before:
-            found[name] = value
-    return found
+def _no_functions(one: Any) -> dict[str, Any]:
+    """The fields that are no functions; of a group, its own such fields."""
+    own = {f.name: getattr(one, f.name) for f in fields(one)}
+    return {n: _no_functions(v) if isinstance(v, _GROUPS) else v for n, v in own.items() if not callable(v)}
 
 
 def _with(made: Any, further: Mapping[str, Any]) -> Any:
-    """Return a copy with the fields of `_other_fields`."""
+    """Return a copy with the fields of `_no_functions`."""
     now = {name: getattr(made, name) for name in further}
     groups = {name: _with(now[name], value) for name, value in further.items() if isinstance(now[name], _GROUPS)}
     return replace(made, **{**further, **groups})
@@ -397,8 +387,21 @@ def _again(kind: str, target: str, term: str | None, name: str, further: Mapping
     return _with(made, further)
 
 
+def of_kind(kind: str) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
+    """Let the effects that a function makes for a target (and a term) have these, and a kind."""
+
+    def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
+        @wraps(define)
+        def make(target: str = "", term: str | None = None) -> Effect:
+            made = define(*filter(None, (target, term)))
+            return replace(made, kind=kind, target=made.target or target, term=made.term or term)
+
+        return make
+
+    return register
+
+
 def cause(
-    kind: str,
     *,
     targets: Iterable[str] = (),
     terms: Iterable[str] = (),
@@ -406,19 +409,24 @@ def cause(
     candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
     **said: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function makes its Effect for
-    a target (and a term). `candidates` are one effect for every target and term when they are not given."""
+    """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function, whose name it has,
+    makes its Effect for a target (and a term). `candidates` are one effect for every target, rotor and term when they
+    are not given."""
     valid = tuple(targets)
     terms = tuple(terms)
 
     def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
-        @wraps(define)
-        def make(*place: Any, **named: Any) -> Effect:
-            return replace(define(*place, **named), kind=kind)
+        kind = define.__name__
+        make = of_kind(kind)(define)
+
+        def sought_at(aircraft: Airframe) -> Iterable[str]:
+            if not said.get("of_rotors"):
+                return valid or ("",)
+            rotors = aircraft.rotors.names if aircraft.rotors else ()
+            return (*valid, *rotors) if valid or not rotors else (*rotors, ALL)
 
         def one_for_each_place(aircraft: Airframe) -> Iterable[Effect]:
-            rotors = aircraft.rotors.names if said.get("of_rotors") and aircraft.rotors else ()
-            every = (*valid, *rotors) or ("",)
+            every = sought_at(aircraft)
             return starmap(make, product(every, terms) if terms else product(every))
 
         told = {"targets": valid, "terms": terms, "needs_term": needs_term or bool(terms)}

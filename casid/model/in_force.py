@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,11 @@ class History:
         """Names of its sizes in the model."""
         return tuple(self.of.parameters)
 
+    @property
+    def slopes(self) -> list[tuple[str, str]]:
+        """Station and parameter of each derivative."""
+        return list(product(self.stations, self.parameters))
+
     def at(self, record: Record, values: Mapping[str, float]) -> tuple[dict[str, np.ndarray], dict[str, dict]]:
         """Station -> (N,) series in a record at `values` of all parameters, and their derivatives, parameter -> station
         -> (N,); empty where it does not act."""
@@ -202,10 +208,8 @@ def history_of(one: InForce, probe: Record, outputs: Sequence[str]) -> History:
 
 
 def _is_there(name: str, outputs: Sequence[str]) -> bool:
-    for prefix in (TIME, station.reading("")):
-        if name.startswith(prefix):
-            return name.removeprefix(prefix) in outputs
-    return True
+    channel = name.removeprefix(TIME).removeprefix(station.reading(""))
+    return channel == name or channel in outputs
 
 
 def slope_input(name: str, parameter: str) -> str:

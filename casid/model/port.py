@@ -15,10 +15,16 @@ import casadi as ca
 from casid.arguments import names as names_of
 from casid.arguments import number, one_line, one_of, require
 from casid.errors import InputError, check_known, unknown
-from casid.model.station import Station, control, equation, reading, stuck
+from casid.model.station import Station, StationKind, stuck
 from casid.model.system import Model
 
 Place = Literal["state derivative", "input", "output"]
+# kind of a port -> kind of its station, the names of a model among which it is, and how a report calls it
+_PLACES: dict[Place, tuple[StationKind, str, str]] = {
+    "state derivative": ("equation", "states", "the equation of "),
+    "input": ("control", "inputs", "the input "),
+    "output": ("reading", "outputs", "the reading of "),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,23 +65,18 @@ class ModelPort:
 
     def __post_init__(self) -> None:
         where = f"port '{one_line(self.name, 'ModelPort: name')}'"
-        one_of(self.kind, ("state derivative", "input", "output"), f"{where}: kind")
+        one_of(self.kind, tuple(_PLACES), f"{where}: kind")
         for what in ("unit", "words"):
             one_line(getattr(self, what), f"{where}: {what}")
         if self.matters is not None:
             number(self.matters, f"{where}: matters", positive=True)
         if not self.words:
-            by_default = {
-                "state derivative": f"the equation of {self.name}",
-                "input": f"the input {self.name}",
-                "output": f"the reading of {self.name}",
-            }
-            object.__setattr__(self, "words", by_default[self.kind])
+            object.__setattr__(self, "words", _PLACES[self.kind][2] + self.name)
 
     @property
     def station(self) -> str:
         """Key of its station, the name of its disturbance in a model `with_ports`."""
-        return {"state derivative": equation, "input": control, "output": reading}[self.kind](self.name)
+        return Station(_PLACES[self.kind][0], self.name).key
 
 
 def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
@@ -91,10 +92,10 @@ def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
 
 def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
     """Raises InputError for a port that the model does not have, or that is named twice."""
-    valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
         require(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
-        check_known(port.kind, (port.name,), valid[port.kind], f"ports of '{model.name}'")
+        valid = getattr(model, _PLACES[port.kind][1])
+        check_known(port.kind, (port.name,), valid, f"ports of '{model.name}'")
     names = [port.station for port in ports]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -121,22 +122,20 @@ def entering(model: Model, stations: Sequence[str], added: ca.SX) -> tuple[ca.SX
     f = ca.SX(model.f)
     h = ca.SX(model.h)
     beside = ca.SX.zeros(h.shape[0])  # what is added to a reading is added to one that is stuck
+    places = {"control": (u, model.inputs), "equation": (f, model.states), "reading": (beside, model.outputs)}
     for k, name in enumerate(stations):
         if name in model.disturbances:
             w[model.disturbances.index(name)] += added[k]
             continue
         if name.startswith("present "):
             continue
-        if name.startswith(stuck("")) and name.removeprefix(stuck("")) in model.outputs:
-            h[model.outputs.index(name.removeprefix(stuck("")))] *= 1.0 - added[k]
+        lost = name.removeprefix(stuck(""))
+        if lost != name and lost in model.outputs:
+            h[model.outputs.index(lost)] *= 1.0 - added[k]
             continue
         at = Station.at(name)
-        if at.kind == "control" and at.name in model.inputs:
-            u[model.inputs.index(at.name)] += added[k]
-        elif at.kind == "equation" and at.name in model.states:
-            f[model.states.index(at.name)] += added[k]
-        elif at.kind == "reading" and at.name in model.outputs:
-            beside[model.outputs.index(at.name)] += added[k]
-        else:
+        rows, names = places.get(at.kind, (u, ()))
+        if at.name not in names:
             raise unknown("station", name, (*model.inputs, *model.states, *model.outputs), f"model '{model.name}'")
+        rows[names.index(at.name)] += added[k]
     return u, w, f, h + beside

@@ -46,7 +46,7 @@ _RATE = "rate of "  # of an input [1/s]
 def history_inputs(model: Model) -> tuple[str, ...]:
     """Names of the inputs of a model that `ready` makes of its histories."""
     names = [s for one in model.histories for s in one.stations]
-    names += [slope_input(s, p) for one in model.histories for s in one.stations for p in one.parameters]
+    names += [slope_input(*pair) for one in model.histories for pair in one.slopes]
     return tuple(dict.fromkeys(names))
 
 
@@ -74,21 +74,20 @@ def with_histories(model: Model, histories: Sequence[History]) -> Model:
     """The model with sizes of histories as parameters; the stations of these are inputs of it already."""
     if not histories:
         return model
-    pairs = [(s, p) for one in histories for s in one.stations for p in one.parameters]
+    pairs = [pair for one in histories for pair in one.slopes]
     names = tuple(dict.fromkeys(p for one in histories for p in one.parameters))
     p = ca.SX.sym("size", len(names))
     slopes = ca.SX.sym("slope", len(pairs))
     u = ca.SX(model.u)
     for k, (at, parameter) in enumerate(pairs):
         u[model.inputs.index(at)] += slopes[k] * p[names.index(parameter)]
-    inputs = tuple(slope_input(*pair) for pair in pairs)
     form = model.equation
     sizes = dict(zip(names, ca.vertsplit(p), strict=True))
     return substituted(
         model,
         model.u,
         u,
-        inputs=(*model.inputs, *inputs),
+        inputs=(*model.inputs, *(slope_input(*pair) for pair in pairs)),
         parameters=(*model.parameters, *names),
         u=ca.vertcat(model.u, slopes),
         p=ca.vertcat(model.p, p),
@@ -221,8 +220,7 @@ def ready(model: Model, record: Record, values: Mapping[str, float] | None = Non
                 if name in slope:
                     added[slope_input(name, parameter)] = slope[name]
                     added[name] = added[name] - sizes[parameter] * slope[name]
-    late = _lateness(model, added, sizes)
-    added |= _beside(whole, late, added)
+    added |= _beside(whole, _lateness(model, whole, sizes), added)
     added |= {name: np.full(len(whole), float(value)) for name, value in (masks | made_at).items()}
     made = whole.with_channels(**added)
     rates = {n: _slope(made, n.removeprefix(_RATE)) for n in model.inputs if n.startswith(_RATE)}
@@ -250,15 +248,13 @@ def _own(record: Record) -> Record:
     return record.with_channels(**moved) if moved else record
 
 
-def _lateness(model: Model, added: Mapping[str, np.ndarray], sizes: Mapping[str, float]) -> dict[str, np.ndarray]:
+def _lateness(model: Model, record: Record, sizes: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Channel -> (N,) by how much [s] its readings are late, at the given sizes."""
-    found: dict[str, np.ndarray] = {}
-    for name, series in added.items():
-        if name.startswith(TIME) and " by " not in name:
-            slopes = [
-                (p, added[slope_input(name, p)]) for h in model.histories if name in h.stations for p in h.parameters
-            ]
-            found[name.removeprefix(TIME)] = -(series + sum(sizes[p] * slope for p, slope in slopes))
+    found = {c: np.zeros(len(record)) for c in model.outputs if TIME + c in model.inputs}
+    for one in model.histories if found else ():
+        series, _ = one.at(record, sizes)
+        for channel in found:
+            found[channel] = found[channel] - series.get(TIME + channel, 0.0)
     return found
 
 
@@ -305,13 +301,13 @@ def _held_alike(record: Record, model: Model) -> Record:
     """The record whose histories at an input run between samples as that does."""
     if isinstance(record.hold, str):
         return record
-    held = {n: "held" for n in history_inputs(model) for target in [n.split(" by ")[0]] if _holds(record, target)}
+    held = {name: "held" for name in history_inputs(model) if _acts_on_a_held_one(record, name)}
     return replace(record, hold={**record.hold, **held}) if held else record
 
 
-def _holds(record: Record, name: str) -> bool:
-    target = name.removeprefix(station.control(""))
-    return name != target and target in record and record.hold_of(target) == "held"
+def _acts_on_a_held_one(record: Record, name: str) -> bool:
+    target = name.split(" by ")[0].removeprefix(station.control(""))
+    return target in record and record.hold_of(target) == "held"
 
 
 def at_own_times(
@@ -319,17 +315,11 @@ def at_own_times(
 ) -> np.ndarray:
     """(N, outputs) of a record made ready, each reading at the time at which it was read, the first one held before."""
     sizes = {**model.nominal, **{n: v for n, v in (values or {}).items() if n in model.nominal}}
-    own = _own(record)
-    found = outputs
-    for channel in [c for c in model.outputs if TIME + c in model.inputs]:
-        histories = [one for one in model.histories if TIME + channel in one.stations]
-        late = np.zeros(len(own))
-        for one in histories:
-            late = late - one.at(own, sizes)[0].get(TIME + channel, 0.0)
-        at, of = nearest_samples(own.t, late)
+    found = outputs.copy()
+    for channel, late in _lateness(model, _own(record), sizes).items():
+        at, of = nearest_samples(record.t, late)
         i = model.outputs.index(channel)
-        found = found if found is not outputs else outputs.copy()
-        found[:, i] = np.interp(np.arange(len(own)), of, outputs[at, i])
+        found[:, i] = np.interp(np.arange(len(record)), of, outputs[at, i])
     return found
 
 
@@ -416,23 +406,26 @@ def monomial(model: Model, name: str) -> ca.SX:
     return found
 
 
-# place of a kind -> the names of a model that are its targets, and what they are
-_PLACES = {"command": "inputs", "reading": "outputs", "equation": "states", "value": "parameters"}
-_WHAT = {"command": "input", "reading": "output or input", "equation": "state", "value": "parameter"}
+# place of a kind -> what its targets are, and the names of a model that are such
+_PLACES = {
+    "command": ("input", ("inputs",)),
+    "reading": ("output or input", ("outputs", "inputs")),
+    "equation": ("state", ("states",)),
+    "value": ("parameter", ("parameters",)),
+}
 
 
 def effect_at(model: Model, value: EffectValue) -> Effect:
     """The effect of an entry, at a port of a model. Raises InputError for a place that the model does not have."""
     effect = effect_of(value)
-    place = KINDS[value.kind].place
+    kind = KINDS[value.kind]
     where = f"model '{model.name}': effect {effect.name}"
-    if place not in _PLACES:
+    if kind.place not in _PLACES:
         raise InputError(f"{where} is of the equations of an aircraft; expected a model of cs.aircraft_model(...)")
-    valid = (*model.outputs, *model.inputs) if place == "reading" else getattr(model, _PLACES[place])
-    check_known(_WHAT[place], KINDS[value.kind].parts(effect.target), valid, where)
-    if place == "reading" and effect.target not in model.outputs:
-        return of_input(effect)
-    return effect
+    what, groups = _PLACES[kind.place]
+    valid = [name for group in groups for name in getattr(model, group)]
+    check_known(what, kind.parts(effect.target), valid, where)
+    return of_input(effect) if kind.place == "reading" and effect.target not in model.outputs else effect
 
 
 def with_effects(model: Model, values: Iterable[EffectValue], terms: Mapping[str, ca.SX] | None = None) -> Model:

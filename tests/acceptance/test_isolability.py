@@ -65,15 +65,15 @@ def same_twice() -> Iterator[list[Effect]]:
         given = file().derivatives
         return {coefficient(c): values["value"] * given[name] * known["delta_e"] for c, name in DELTA.items()}
 
-    made = []
-    for kind, series in (("surface_scale", of_surface), ("effectiveness", of_derivatives)):
+    @cause(unit="1", quantity="too large by", sentence="It is too large by {size}.")
+    def surface_scale() -> Effect:
+        return Effect(series=of_surface, size=Size(meaningful=0.1))
 
-        @cause(kind, unit="1", quantity="too large by", sentence="It is too large by {size}.")
-        def make(target: str = "", kind: str = kind, series=series) -> Effect:
-            return Effect(kind=kind, target=target, series=series, size=Size(meaningful=0.1))
+    @cause(unit="1", quantity="too large by", sentence="It is too large by {size}.")
+    def effectiveness() -> Effect:
+        return Effect(series=of_derivatives, size=Size(meaningful=0.1))
 
-        made.append(make())
-    yield made
+    yield [surface_scale(), effectiveness()]
     for kind in ("surface_scale", "effectiveness"):
         del KINDS[kind]
 

@@ -133,7 +133,7 @@ def effects_with_a_transfer() -> list[Effect]:
     made = []
     for kind in KINDS.values():
         if not kind.needs_term:
-            made += [kind.make(target) for target in kind.targets or ("",)]
+            made += [kind.make(target) for target in kind.targets]
     return [effect for effect in made if effect.forms.transfer is not None]
 
 

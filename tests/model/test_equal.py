@@ -15,7 +15,11 @@ from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from problems.do328 import do328
 
-ALONE = [kind.make("") for kind in KINDS.values() if kind.place == "aircraft" and not (kind.targets or kind.terms)]
+ALONE = [
+    kind.make("")
+    for kind in KINDS.values()
+    if kind.place == "aircraft" and not (kind.targets or kind.terms or kind.of_rotors)
+]
 PAIRS = [effect for effect in ALONE if effect.traits.equal is not None]
 
 

@@ -36,7 +36,6 @@ def gyro_tilt() -> Iterator[None]:
     """The one definition."""
 
     @cause(
-        "gyro_tilt",
         targets=("p", "q", "r"),
         unit="rad",
         quantity="angle towards the axis whose rate it senses",
@@ -49,7 +48,6 @@ def gyro_tilt() -> Iterator[None]:
             path.output[rate] += values["value"] * path.state[sensed]
 
         return Effect(
-            target=rate,
             reads=(rate,),
             kinematic=True,
             traits=Traits(by_record=True),

@@ -11,7 +11,7 @@ import numpy as np
 from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.causes.controls import never_sought
-from casid.model.effect import Effect, Event, Further, Series, Size, Symbols, Traits, Values, cause
+from casid.model.effect import Effect, Event, Further, Series, Size, Symbols, Traits, Values, cause, grid, of_kind
 from casid.model.path import SignalPath, aerodynamic_parameters, evaluate
 from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, derivative_name, derivative_term, parse_term
 from casid.signals import SURFACES
@@ -20,6 +20,7 @@ _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _TOGETHER = 2  # variables of one term
 _BENT = tuple(term for v in ("beta", *SURFACES) for term in (f"|{v}|", f"{v}*|{v}|"))
 _LATERAL = ("CY", "Cl", "Cn")
+_LARGEST = Size(limit=60.0)  # derivative in the rate of a flow angle
 # Behind a propeller, power makes a tail stronger, and drag on what is washed.
 _IN_THE_SLIPSTREAM = {"CD": ("Tc",), "CX": ("Tc",), "Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}
 
@@ -56,7 +57,6 @@ def _across_symmetry(coefficient: str, term: str) -> bool:
 
 
 @cause(
-    "aero_term",
     targets=COEFFICIENTS,
     needs_term=True,
     candidates=_missing_terms,
@@ -69,21 +69,17 @@ def aero_term(coefficient: str, term: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.coefficient[coefficient] += values["value"] * evaluate(term, path)
 
+    washed = term in _IN_THE_SLIPSTREAM.get(coefficient, ())
     return Effect(
-        target=coefficient,
-        term=term,
         regressor=term,
         enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
-        traits=Traits(
-            improbable=_across_symmetry(coefficient, term), expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ())
-        ),
+        traits=Traits(improbable=_across_symmetry(coefficient, term), expected=washed),
     )
 
 
 @cause(
-    "missing_derivative",
     targets=(derivative_name(c, parse_term(v)) for c in COEFFICIENTS for v in _VARIABLES),
     candidates=never_sought,
     unit="{term}",
@@ -107,6 +103,7 @@ def _flow_angle(coefficient: str) -> str:
     return "beta" if coefficient in _LATERAL else "alpha"
 
 
+@of_kind("unsteady_aero")
 def lagged_aero(coefficient: str) -> Effect:
     """Unsteady aerodynamics with a memory: the rate is that of the flow angle behind a first-order lag (stall, downwash
     that has still to reach the tail); a time constant of zero would be `unsteady_aero`."""
@@ -124,12 +121,10 @@ def lagged_aero(coefficient: str) -> Effect:
         return {station.coefficient(coefficient): values["value"] * rate}
 
     return Effect(
-        kind="unsteady_aero",
-        target=coefficient,
         variant="lagged",
         enters=station.coefficient(coefficient),
-        size=Size(limit=60.0),
-        further=Further(grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)), unsigned=("time_constant",)),
+        size=_LARGEST,
+        further=Further(grid=grid(time_constant=(0.1, 0.3, 0.8)), unsigned=("time_constant",)),
         units={"time_constant": "s"},
         states={behind: angle},
         station="coefficients",
@@ -139,7 +134,6 @@ def lagged_aero(coefficient: str) -> Effect:
 
 
 @cause(
-    "unsteady_aero",
     targets=COEFFICIENTS,
     candidates=_missing_rates,
     variants={"time_constant": lagged_aero},
@@ -154,18 +148,11 @@ def unsteady_aero(coefficient: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.coefficient[coefficient] += values["value"] * path.regressor[rate]
 
-    return Effect(
-        target=coefficient,
-        regressor=rate,
-        enters=station.coefficient(coefficient),
-        station="coefficients",
-        change=change,
-        size=Size(limit=60.0),
-    )
+    enters = station.coefficient(coefficient)
+    return Effect(regressor=rate, enters=enters, station="coefficients", change=change, size=_LARGEST)
 
 
 @cause(
-    "configuration_change",
     targets=COEFFICIENTS,
     joined=True,
     # which coefficients switch together is found by a search of its own, see `diagnosis/evidence/onsets.py`
@@ -182,14 +169,11 @@ def configuration_change(coefficients: str) -> Effect:
         moved = operators.transition(t, values["onset"], values.get("duration", 0.0))
         return {station.coefficient(name): values["value" if name == names[0] else name] * moved for name in names}
 
+    absent = {"duration": 0.0, **dict.fromkeys(names[1:], 0.0)}
     return Effect(
-        target=coefficients,
         members=names,
         enters=station.coefficient(names[0]),
         event=Event(recurring=True, extent="duration"),
-        further=Further(
-            grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
-            defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)},
-        ),
+        further=Further(grid=grid(duration=(0.1, 2.0, 5.0)), defaults=absent),
         series=series,
     )

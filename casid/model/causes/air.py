@@ -7,11 +7,13 @@ named after when it begins (as JSBSim's cosine gust is).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 
 from casid.model import operators, station
-from casid.model.effect import Effect, Event, Further, Series, Size, Values, cause
+from casid.model.effect import Effect, Event, Further, Series, Size, Values, cause, grid
 
 _AXES = ("x", "y", "z")
 _TO_THE_END = 1e3  # s: longer than any record
@@ -44,8 +46,13 @@ def _body_axis(axis: str, at: int, known: Series) -> np.ndarray:
     return scipy.spatial.transform.Rotation.from_euler("ZYX", angles).as_matrix()[:, _AXES.index(axis)]
 
 
+def _blow(axis: str, series: Callable, further: Further, size: Size) -> Effect:
+    """A wind along an axis that begins at an onset."""
+    enters = station.wind(axis)
+    return Effect(enters=enters, kinematic=True, event=Event(), series=series, further=further, size=size)
+
+
 @cause(
-    "wind_shear",
     targets=_AXES,
     unit="m/s2",
     title="{words} along {target}",
@@ -58,21 +65,11 @@ def wind_shear(axis: str) -> Effect:
         wind = values["value"] * operators.ramp(t, values["onset"], values.get("duration", _TO_THE_END))
         return _blowing(direction, wind, known)
 
-    return Effect(
-        target=axis,
-        enters=station.wind(axis),
-        kinematic=True,
-        event=Event(),
-        series=series,
-        further=Further(
-            grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)), defaults={"duration": _TO_THE_END}
-        ),
-        size=Size(meaningful=0.05, limit=5.0),
-    )
+    further = Further(grid=grid(duration=(_TO_THE_END, 8.0, 3.0)), defaults={"duration": _TO_THE_END})
+    return _blow(axis, series, further, Size(meaningful=0.05, limit=5.0))
 
 
 @cause(
-    "gust",
     targets=_AXES,
     unit="m/s",
     title="{words} along {target}",
@@ -85,19 +82,10 @@ def gust(axis: str) -> Effect:
         begins = min(int(np.searchsorted(t, np.real(values["onset"]))), len(t) - 1)
         return _blowing(_body_axis(axis, begins, known), wind, known)
 
-    return Effect(
-        target=axis,
-        enters=station.wind(axis),
-        kinematic=True,
-        event=Event(),
-        further=Further(grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4))),
-        series=series,
-        size=Size(meaningful=0.5, limit=40.0),
-    )
+    return _blow(axis, series, Further(grid=grid(length=(0.8, 1.6, 3.2, 6.4))), Size(meaningful=0.5, limit=40.0))
 
 
 @cause(
-    "turbulence",
     targets=_AXES,
     optional=True,
     unit="m/s",
@@ -105,10 +93,4 @@ def gust(axis: str) -> Effect:
     sentence="The air is turbulent, with {size} r.m.s.; the model has calm air.",
 )
 def turbulence(target: str = "") -> Effect:
-    return Effect(
-        target=target,
-        kinematic=True,
-        linear=False,
-        further=Further(grid=()),
-        size=Size(meaningful=0.1, limit=20.0),
-    )
+    return Effect(kinematic=True, linear=False, further=Further(grid=()), size=Size(meaningful=0.1, limit=20.0))

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause
+from casid.model.effect import (
+    Effect,
+    Event,
+    Forms,
+    Further,
+    Series,
+    Size,
+    Symbols,
+    Traits,
+    Values,
+    cause,
+    grid,
+    of_kind,
+)
 from casid.model.path import SignalPath
 from casid.model.rotors import thrust_of
 from casid.signals import SURFACES
@@ -30,14 +44,23 @@ def never_sought(aircraft: Airframe) -> Iterable[Effect]:
     return ()
 
 
-def of_value(operate: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of the value of an effect, its last argument, as one of all values of the effect."""
+def of_value(operate: Callable[..., Any], **usual: float) -> Callable[..., Any]:
+    """A function of the value of an effect, and of further sizes that have `usual` values, as one of all its values."""
 
     def of_values(*arguments: Any) -> Any:
         *others, values = arguments
-        return operate(*others, values["value"])
+        return operate(*others, values["value"], *(values.get(name, size) for name, size in usual.items()))
 
     return of_values
+
+
+def _added_to(surface: str, added: Callable[[np.ndarray, np.ndarray, Values], np.ndarray], **more: Any) -> Effect:
+    """What is `added` to a surface, of time, its record and the values of the effect."""
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        return {station.control(surface): added(t, known[surface], values)}
+
+    return Effect(series=series, **more)
 
 
 def _following(
@@ -45,22 +68,20 @@ def _following(
 ) -> Effect:
     """A surface that does what `act` makes of time, its record and the values of the effect."""
 
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
-        return {station.control(surface): act(t, recorded, values) - recorded}
+    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        return act(t, recorded, values) - recorded
 
-    return Effect(target=surface, linear=False, further=further, series=series, **more)
-
-
-def _sizes(sizes: Iterable[float], unsigned: tuple[str, ...] = ("value",)) -> Further:
-    return Further(grid=tuple({"value": v} for v in sizes), unsigned=unsigned)
+    return _added_to(surface, added, linear=False, further=further, **more)
 
 
-@cause(
-    "actuator_lag",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+def _sizes(*sizes: float) -> Further:
+    return Further(grid=grid(value=sizes), unsigned=("value",))
+
+
+_command = partial(cause, place="command", of_systems=True, targets=SURFACES)
+
+
+@_command(
     unit="s",
     quantity="time constant",
     sentence="The {label} follows its command with a lag of {size} that the model does not have.",
@@ -70,54 +91,34 @@ def actuator_lag(surface: str) -> Effect:
         T = max(abs(values["value"]), dt)
         return sigma * float(np.sqrt(np.tanh(dt / (2.0 * T)))), T
 
-    return _following(
-        surface,
-        of_value(operators.lag),
-        _sizes((0.03, 0.06, 0.12, 0.25, 0.5)),
-        size=Size(meaningful=0.01, limit=1.0),
-        forms=Forms(noise=noise, transfer=of_value(operators.lag_transfer)),
-    )
+    forms = Forms(noise=noise, transfer=of_value(operators.lag_transfer))
+    size = Size(meaningful=0.01, limit=1.0)
+    return _following(surface, of_value(operators.lag), _sizes(0.03, 0.06, 0.12, 0.25, 0.5), size=size, forms=forms)
 
 
-@cause(
-    "input_delay",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     unit="s",
     quantity="delay of the surface behind its record",
     sentence="The {label} follows its command {size} [late|early].",
 )
 def input_delay(surface: str) -> Effect:
-    return _following(
-        surface,
-        of_value(operators.delay),
-        _sizes((0.02, 0.05, 0.1, 0.2, 0.4), unsigned=()),
-        size=Size(meaningful=0.01, limit=0.5),
-        forms=Forms(transfer=of_value(operators.delay_transfer)),
-    )
+    further = Further(grid=grid(value=(0.02, 0.05, 0.1, 0.2, 0.4)))
+    forms = Forms(transfer=of_value(operators.delay_transfer))
+    return _following(surface, of_value(operators.delay), further, size=Size(meaningful=0.01, limit=0.5), forms=forms)
 
 
-@cause(
-    "rate_limit",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     unit="{channel}/s",
     quantity="largest rate of the surface",
     sentence="The {label} cannot move faster than {size}.",
 )
 def rate_limit(surface: str) -> Effect:
-    rates = _sizes(np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]))
+    rates = _sizes(*np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]))
     size = Size(meaningful=0.0, limit=math.radians(200.0))
     return _following(surface, of_value(operators.rate_limit), rates, size=size)
 
 
-@cause(
-    "second_order_actuator",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     candidates=never_sought,
     unit="s",
     quantity="time of one radian of its oscillation, the inverse of its natural frequency; its damping ratio stands in "
@@ -125,27 +126,19 @@ def rate_limit(surface: str) -> Effect:
     sentence="The {label} follows its command as an oscillator, {size} per radian, that the model does not have.",
 )
 def second_order_actuator(surface: str) -> Effect:
-    def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
-        return operators.second_order(t, recorded, values["value"], values.get("damping", _DAMPED))
-
-    def transfer(s: np.ndarray, values: Values) -> np.ndarray:
-        return operators.second_order_transfer(s, values["value"], values.get("damping", _DAMPED))
-
-    further = Further(
-        grid=tuple({"value": v, "damping": _DAMPED} for v in (0.02, 0.04, 0.08, 0.15)),
-        defaults={"damping": _DAMPED},
-        unsigned=("value", "damping"),
+    usual = {"damping": _DAMPED}
+    sizes = grid(value=(0.02, 0.04, 0.08, 0.15), damping=(_DAMPED,))
+    return _following(
+        surface,
+        of_value(operators.second_order, **usual),
+        Further(grid=sizes, defaults=usual, unsigned=("value", "damping")),
+        size=Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0}),
+        traits=Traits(includes=("input_delay", "actuator_lag")),
+        forms=Forms(transfer=of_value(operators.second_order_transfer, **usual)),
     )
-    size = Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0})
-    traits = Traits(includes=("input_delay", "actuator_lag"))
-    return _following(surface, act, further, size=size, traits=traits, forms=Forms(transfer=transfer))
 
 
-@cause(
-    "input_limit",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     terms=("above", "below"),
     candidates=never_sought,
     unit="{channel}",
@@ -158,30 +151,23 @@ def input_limit(surface: str, side: str) -> Effect:
         within = recorded < np.real(values["value"]) if side == "above" else recorded > np.real(values["value"])
         return np.where(within, recorded, values["value"])
 
-    return _following(surface, act, Further(grid=({"value": 0.0},)), term=side)
+    return _following(surface, act, Further(grid=grid(value=(0.0,))))
 
 
-@cause(
-    "input_offset",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     candidates=never_sought,
     unit="{channel}",
     quantity="what acts less its record: a trim of the actuator",
     sentence="The {label} acts {size} beside its record.",
 )
 def input_offset(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {station.control(surface): values["value"] * np.ones(len(t))}
+    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        return values["value"] * np.ones(len(t))
 
-    return Effect(target=surface, series=series, traits=Traits(by_record=True))
+    return _added_to(surface, added, traits=Traits(by_record=True))
 
 
-@cause(
-    "input_scale",
-    place="command",
-    of_systems=True,
+@_command(
     targets=(*SURFACES, "thrust"),
     candidates=never_sought,
     unit="1",
@@ -189,16 +175,14 @@ def input_offset(surface: str) -> Effect:
     sentence="What acts of the {label} differs by {percent} from its record.",
 )
 def input_scale(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {station.control(surface): values["value"] * known[surface]}
+    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        return values["value"] * recorded
 
-    return Effect(target=surface, series=series, traits=Traits(by_record=True))
+    return _added_to(surface, added, traits=Traits(by_record=True))
 
 
-@cause(
-    "sample_hold",
-    place="command",
-    targets=SURFACES,
+@_command(
+    of_systems=False,
     candidates=never_sought,
     unit="s",
     quantity="time for which a command is held until the next is taken, beginning at the first sample",
@@ -206,19 +190,13 @@ def input_scale(surface: str) -> Effect:
 )
 def sample_hold(surface: str) -> Effect:
     size = Size(meaningful=0.02, limit=2.0)
-    return _following(surface, of_value(operators.sample_hold), _sizes((0.05, 0.1, 0.2)), size=size)
+    return _following(surface, of_value(operators.sample_hold), _sizes(0.05, 0.1, 0.2), size=size)
 
 
-@cause(
-    "dead_zone",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     unit="{channel}",
-    quantity=(
-        "half width without any answer; what it lies about stands in the parameters, 0 the zero of the record, 1 its "
-        "median"
-    ),
+    quantity="half width without any answer; what it lies about stands in the parameters, 0 the zero of the record, 1 "
+    "its median",
     sentence="The {label} does not answer to a command below {size}.",
 )
 def dead_zone(surface: str) -> Effect:
@@ -227,7 +205,7 @@ def dead_zone(surface: str) -> Effect:
         return operators.dead_zone(recorded, values["value"], centre)
 
     further = Further(
-        grid=tuple({"value": v, "about": a} for v in _PLAY for a in (_TRIM, _ZERO)),
+        grid=grid(value=_PLAY, about=(_TRIM, _ZERO)),
         defaults={"about": _TRIM},
         unsigned=("value",),
         usual={"about": (0.5 * (_ZERO + _TRIM), 0.5 * abs(_ZERO - _TRIM))},  # a movement may reach one end alone
@@ -235,11 +213,7 @@ def dead_zone(surface: str) -> Effect:
     return _following(surface, act, further, size=_PLAY_SIZE)
 
 
-@cause(
-    "backlash",
-    place="command",
-    of_systems=True,
-    targets=SURFACES,
+@_command(
     unit="{channel}",
     quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
     sentence="The {label} has a free play of plus and minus {size}.",
@@ -248,17 +222,12 @@ def backlash(surface: str) -> Effect:
     def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
         return operators.backlash(recorded, values["value"], values.get("rest", 0.0))
 
-    further = Further(
-        grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
-        defaults={"rest": 0.0},
-        unsigned=("value",),
-        folded=("rest",),
-    )
+    sizes = grid(value=_PLAY, rest=(0.0,))
+    further = Further(grid=sizes, defaults={"rest": 0.0}, unsigned=("value",), folded=("rest",))
     return _following(surface, act, further, size=_PLAY_SIZE)
 
 
 @cause(
-    "effectiveness_change",
     targets=(*SURFACES, "thrust"),
     of_rotors=True,
     unit="1",
@@ -275,7 +244,6 @@ def effectiveness_change(surface: str) -> Effect:
         return np.full(len(s), 1.0 + values["value"], dtype=complex)
 
     return Effect(
-        target=surface,
         event=Event(recurring=True),
         further=Further(either_sign=True),
         series=series,
@@ -286,7 +254,6 @@ def effectiveness_change(surface: str) -> Effect:
 
 
 @cause(
-    "stuck",
     targets=SURFACES,
     unit="1",
     quantity="part of the command that is not followed, 1: none of it, from the onset on for a duration; the parameter "
@@ -294,21 +261,18 @@ def effectiveness_change(surface: str) -> Effect:
     sentence="The {label} stays where it is and does not follow its command, {percent} of it.",
 )
 def stuck(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
         onset = values["onset"]
-        recorded = known[surface]
         during = operators.step(t, onset) - operators.step(t, onset + values.get("duration", _TO_THE_END))
         held = operators.sampled(t, recorded, np.array([onset]))[0] + values.get("beside", 0.0)
-        return {station.control(surface): values["value"] * during * (held - recorded)}
+        return values["value"] * during * (held - recorded)
 
-    return Effect(
-        target=surface,
+    sizes = grid(duration=(2.0, 5.0, _TO_THE_END), beside=(0.0,))
+    return _added_to(
+        surface,
+        added,
         event=Event(recurring=True, lasts="duration"),
-        further=Further(
-            grid=tuple({"duration": v, "beside": 0.0} for v in (2.0, 5.0, _TO_THE_END)),
-            defaults={"duration": _TO_THE_END, "beside": 0.0},
-        ),
-        series=series,
+        further=Further(grid=sizes, defaults={"duration": _TO_THE_END, "beside": 0.0}),
         size=Size(meaningful=0.5, limit=1.2, lowest=0.0),
     )
 
@@ -357,8 +321,6 @@ def _loop(surface: str, quantity: str, act: Callable[[SignalPath, Symbols], Any]
         path.regressor[surface] = path.surface[surface]
 
     return Effect(
-        target=surface,
-        term=quantity,
         enters=station.control(surface),
         size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
         station="air data",
@@ -367,6 +329,7 @@ def _loop(surface: str, quantity: str, act: Callable[[SignalPath, Symbols], Any]
     )
 
 
+@of_kind("feedback")
 def washed_out(surface: str, quantity: str) -> Effect:
     """Feedback of the changes of a quantity: what it was before, over a time constant, is taken away."""
     behind = f"{quantity}_fed_to_{surface}"
@@ -386,9 +349,8 @@ def washed_out(surface: str, quantity: str) -> Effect:
         surface,
         quantity,
         act,
-        kind="feedback",
         variant="washout",
-        further=Further(grid=tuple({"time_constant": v} for v in (1.0, 3.0)), unsigned=("time_constant",)),
+        further=Further(grid=grid(time_constant=(1.0, 3.0)), unsigned=("time_constant",)),
         units={"time_constant": "s"},
         states={behind: quantity},
         series=series,
@@ -396,7 +358,6 @@ def washed_out(surface: str, quantity: str) -> Effect:
 
 
 @cause(
-    "feedback",
     targets=SURFACES,
     terms=("p", "q", "r", "alpha", "beta", "phi", "theta"),
     candidates=_loops,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -14,7 +15,21 @@ from casid.errors import InputError
 from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.causes.controls import never_sought, of_value
-from casid.model.effect import Effect, Event, Forms, Further, Readable, Series, Size, Symbols, Traits, Values, cause
+from casid.model.effect import (
+    Effect,
+    Event,
+    Forms,
+    Further,
+    Readable,
+    Series,
+    Size,
+    Symbols,
+    Traits,
+    Values,
+    cause,
+    grid,
+    of_kind,
+)
 from casid.model.path import SignalPath
 from casid.signals import SURFACES, unit_of
 
@@ -63,10 +78,10 @@ def of_group(target: str, operate: Callable[[np.ndarray, np.ndarray, Values], np
     return of_channels
 
 
-@cause(
-    "sensor_bias",
-    place="reading",
-    of_systems=True,
+_reading = partial(cause, place="reading", of_systems=True)
+
+
+@_reading(
     targets=SENSOR_CHANNELS,
     unit="{channel}",
     quantity="measured minus true",
@@ -83,7 +98,6 @@ def sensor_bias(channel: str) -> Effect:
         return max(least, aircraft.noise.get(channel, 0.0))
 
     return Effect(
-        target=channel,
         reads=(channel,),
         kinematic=True,
         traits=Traits(by_record=True, constant=True),
@@ -93,10 +107,7 @@ def sensor_bias(channel: str) -> Effect:
     )
 
 
-@cause(
-    "sensor_scale",
-    place="reading",
-    of_systems=True,
+@_reading(
     targets=(*SENSOR_CHANNELS, "inertial"),
     unit="1",
     quantity="relative error of the scale; 0.1: 10 % too large",
@@ -110,7 +121,6 @@ def sensor_scale(target: str) -> Effect:
 
     # calibrations in flight are good to about one percent
     return Effect(
-        target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True),
         kinematic=True,
@@ -120,33 +130,21 @@ def sensor_scale(target: str) -> Effect:
     )
 
 
-def _slow_reading(
-    target: str,
-    operate: Callable,
-    transfer: Callable[[np.ndarray, float], np.ndarray],
-    instrument: Callable | None = None,
-    *,
-    unsigned: tuple[str, ...] = (),
-) -> Effect:
+def _slow_reading(target: str, output: Callable[..., Any], forms: Forms, unsigned: tuple[str, ...] = ()) -> Effect:
+    """A reading that is late by the value, as `output` has it."""
     return Effect(
-        target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True, late=True),
         kinematic=True,
         linear=False,
-        further=Further(grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)), unsigned=unsigned),
-        output=of_group(target, of_value(operate)),
-        forms=Forms(
-            undo=of_group(target, of_value(operators.earlier)), instrument=instrument, transfer=of_value(transfer)
-        ),
+        further=Further(grid=grid(value=(0.02, 0.05, 0.1, 0.2, 0.4)), unsigned=unsigned),
+        output=output,
+        forms=replace(forms, undo=of_group(target, of_value(operators.earlier))),
         size=Size(meaningful=0.01, limit=1.0),
     )
 
 
-@cause(
-    "sensor_delay",
-    place="reading",
-    of_systems=True,
+@_reading(
     targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
     unit="s",
     quantity="delay",
@@ -154,9 +152,9 @@ def _slow_reading(
 )
 def sensor_delay(target: str) -> Effect:
     if target == "surfaces":
-        return _late_inputs(target, SURFACES)
-    found = _slow_reading(target, operators.delay, operators.delay_transfer)
-    return replace(found, forms=replace(found.forms, late=lambda t, values: values["value"]))
+        return _late_inputs(target)
+    forms = Forms(late=lambda t, values: values["value"], transfer=of_value(operators.delay_transfer))
+    return _slow_reading(target, of_group(target, of_value(operators.delay)), forms)
 
 
 def of_input(effect: Effect) -> Effect:
@@ -167,15 +165,17 @@ def of_input(effect: Effect) -> Effect:
     if effect.change is not None:
         return effect
     if effect.kind == "sensor_delay":
-        return _late_inputs(effect.target, (effect.target,))
+        return _late_inputs(effect.target)
     raise InputError(
         f"effect {effect.name}: '{effect.target}' is an input, of whose record a bias, a scale and a delay can be "
         "taken back; write actuator_lag for what follows it slowly"
     )
 
 
-def _late_inputs(target: str, names: Sequence[str]) -> Effect:
-    """Inputs are recorded late by the same: what acts is ahead of its record."""
+@of_kind("sensor_delay")
+def _late_inputs(target: str) -> Effect:
+    """An input, or all surfaces by the same, are recorded late: what acts is ahead of its record."""
+    names = SENSOR_GROUPS.get(target, (target,))
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         return {station.control(s): operators.delay(t, known[s], -values["value"]) - known[s] for s in names}
@@ -184,10 +184,8 @@ def _late_inputs(target: str, names: Sequence[str]) -> Effect:
         return operators.delay_transfer(s, -values["value"])
 
     return Effect(
-        kind="sensor_delay",
-        target=target,
         linear=False,
-        further=Further(grid=tuple({"value": sign * v} for v in (0.02, 0.05, 0.1, 0.2) for sign in (1.0, -1.0))),
+        further=Further(grid=grid(value=(0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2))),
         series=series,
         forms=Forms(transfer=ahead),
         size=Size(meaningful=0.01, limit=0.5),
@@ -195,10 +193,7 @@ def _late_inputs(target: str, names: Sequence[str]) -> Effect:
     )
 
 
-@cause(
-    "sensor_lag",
-    place="reading",
-    of_systems=True,
+@_reading(
     targets=(*SENSOR_CHANNELS, *_GROUPS_OF_OUTPUTS),
     unit="s",
     quantity="time constant",
@@ -208,9 +203,6 @@ def sensor_lag(target: str) -> Effect:
     def instrument(true: Any, read: Any, values: Symbols) -> Any:
         return (true - read) / values["value"]
 
-    # shorter than a sampling interval a lag cannot be separated from a delay, and `undo` treats it as one
-    found = _slow_reading(target, operators.lag, operators.lag_transfer, instrument, unsigned=("value",))
-
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
         behind = of_group(target, of_value(operators.lag))(t, readings, values)
         return {
@@ -218,7 +210,9 @@ def sensor_lag(target: str) -> Effect:
             for c, series in behind.items()
         }
 
-    return replace(found, output=output)
+    # shorter than a sampling interval a lag cannot be separated from a delay, and `undo` treats it as one
+    forms = Forms(instrument=instrument, transfer=of_value(operators.lag_transfer))
+    return _slow_reading(target, output, forms, unsigned=("value",))
 
 
 def _follow_the_first_readings(
@@ -235,10 +229,7 @@ def _follow_the_first_readings(
     return behind + start * fades
 
 
-@cause(
-    "sensor_stuck",
-    place="reading",
-    of_systems=True,
+@_reading(
     targets=SENSOR_CHANNELS,
     candidates=never_sought,
     unit="{channel}",
@@ -252,13 +243,7 @@ def sensor_stuck(channel: str) -> Effect:
         stays = level(read[t > np.real(values["onset"])])
         return {station.stuck(channel): from_there, station.reading(channel): from_there * stays}
 
-    return Effect(
-        target=channel,
-        reads=(channel,),
-        event=Event(),
-        series=series,
-        size=Size(lowest=0.5, limit=1.5),
-    )
+    return Effect(reads=(channel,), event=Event(), series=series, size=Size(lowest=0.5, limit=1.5))
 
 
 def level(read: np.ndarray) -> float:
@@ -276,7 +261,6 @@ _DRIVEN_BY = {channel: surface for surface, shaken in _SHAKEN_BY.items() for cha
 
 
 @cause(
-    "structural_mode",
     targets=_DRIVEN_BY,
     unit="{channel}/rad",
     quantity="gain from the surface that excites it; frequency and damping stand in the parameters",
@@ -291,14 +275,11 @@ def structural_mode(channel: str) -> Effect:
         return {c: readings[c] + values["value"] * series for c, series in shaken if c in readings}
 
     # so near to one another that a fit climbs from one of them to the highest of neighbouring maxima
-    frequencies = np.round(np.geomspace(1.5, 8.0, 19), 2)
+    frequencies = np.round(np.geomspace(1.5, 8.0, 19), 2).tolist()
     return Effect(
-        target=channel,
         reads=(channel,),
         traits=Traits(covered_by=_RATE_OF.get(channel)),
-        further=Further(
-            grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies), defaults={"damping": _LIGHT}
-        ),
+        further=Further(grid=grid(frequency_hz=frequencies, damping=(_LIGHT,)), defaults={"damping": _LIGHT}),
         output=output,
         size=Size(amplitude=0.05, limits={"damping": 0.1}),
         # above that it is half gone after one cycle, and looks like a lag of the reading
@@ -306,7 +287,6 @@ def structural_mode(channel: str) -> Effect:
 
 
 @cause(
-    "vane_position",
     targets=("alpha", "beta"),
     unit="m",
     quantity="true minus assumed position of the vane, forward positive",
@@ -316,18 +296,11 @@ def vane_position(channel: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.sensor_position[f"{channel}_vane"][0] += values["value"]
 
-    return Effect(
-        size=Size(within="span", meaningful=0.3, limit=30.0),
-        target=channel,
-        reads=(channel,),
-        kinematic=True,
-        station="wind",
-        change=change,
-    )
+    size = Size(within="span", meaningful=0.3, limit=30.0)
+    return Effect(reads=(channel,), kinematic=True, station="wind", change=change, size=size)
 
 
 @cause(
-    "accelerometer_position",
     targets=("x", "y", "z"),
     unit="m",
     title="{words} along {target}",
@@ -340,12 +313,10 @@ def accelerometer_position(axis: str) -> Effect:
 
     return Effect(
         size=Size(within="span", meaningful=0.1, limit=20.0),
-        target=axis,
-        reads=("ax", "ay", "az"),
+        reads=ACCELERATIONS,
         kinematic=True,
-        traits=Traits(
-            grounded=axis == "x"
-        ),  # the lift or side force of a tail turns the aircraft as well: that much of it reads so
+        # the lift or side force of a tail turns the aircraft as well: that much of it reads so
+        traits=Traits(grounded=axis == "x"),
         station="wind",
         change=change,
     )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.changes import in_numbers, shifted
 from casid.model.causes.controls import never_sought
-from casid.model.effect import Effect, Forms, Size, Symbols, Traits, cause
+from casid.model.effect import Effect, Size, Symbols, Traits, cause
 from casid.model.path import SignalPath, wing_loads
-from casid.model.rotors import ALL, Rotors, changed
+from casid.model.rotors import ALL
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
 _MASS_MATTERS = 0.03
@@ -20,7 +19,6 @@ _CG_MATTERS = 0.02  # m, of an aircraft without rotors; of these the same part o
 
 
 @cause(
-    "cg_offset",
     targets=("x", "y", "z"),
     unit="m",
     title="{words} along {target}",
@@ -36,22 +34,16 @@ def cg_offset(axis: str) -> Effect:
             return _CG_MATTERS
         return _MASS_MATTERS * max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        by = value * np.eye(3)["xyz".index(axis)]
-        return changed(rotors, ALL, lambda one: {"position": tuple(map(float, one.position - by))})
-
     return Effect(
-        forms=Forms(into_rotors=into_rotors),
+        forms=in_numbers(ALL, lambda one, value: {"position": shifted(one.position, axis, -value)}),
         size=Size(within="chord", meaningful=matters, limit=3.0),
         traits=Traits(balance=True, by_record=True, relative=True, shows_as=(("accelerometer_position", axis, None),)),
-        target=axis,
         station="wind",
         change=change,
     )
 
 
 @cause(
-    "moment_reference",
     targets=("x",),
     # the derivatives of the moments imitate it in every record: it is found by what these have in common
     candidates=never_sought,
@@ -66,37 +58,24 @@ def moment_reference(axis: str) -> Effect:
         path.moment[1] -= values["value"] * Z
         path.moment[2] += values["value"] * Y
 
-    return Effect(
-        target=axis,
-        station="moments",
-        change=change,
-        size=Size(meaningful=_CG_MATTERS, limit=3.0),
-    )
+    return Effect(station="moments", change=change, size=Size(meaningful=_CG_MATTERS, limit=3.0))
 
 
 @cause(
-    "mass",
     unit="kg",
     quantity="true minus assumed mass",
     sentence="The mass differs by {size} from that of the aircraft file.",
 )
-def mass(target: str = "") -> Effect:
+def mass() -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.mass += values["value"]
 
-    def matters(aircraft: Airframe) -> float:
-        return _MASS_MATTERS * aircraft.mass
-
-    return Effect(
-        size=Size(within="mass", meaningful=matters),
-        station="mass",
-        change=change,
-        traits=Traits(by_record=True, relative=True, balance=True),
-    )
+    size = Size(within="mass", meaningful=lambda aircraft: _MASS_MATTERS * aircraft.mass)
+    traits = Traits(by_record=True, relative=True, balance=True)
+    return Effect(size=size, station="mass", change=change, traits=traits)
 
 
 @cause(
-    "inertia",
     targets=("Ixx", "Iyy", "Izz", "Ixz"),
     unit="kg m2",
     title="inertia {target}",
@@ -110,48 +89,37 @@ def inertia(component: str) -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _INERTIA_MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
-    return Effect(
-        size=Size(within="inertia", meaningful=matters),
-        target=component,
-        traits=Traits(by_record=True, relative=True),
-        station="mass",
-        change=change,
-    )
+    size = Size(within="inertia", meaningful=matters)
+    return Effect(size=size, traits=Traits(by_record=True, relative=True), station="mass", change=change)
 
 
 @cause(
-    "thrust_asymmetry",
     unit="m",
     quantity="y at which the total thrust acts, right positive",
     sentence="The thrust acts {size} to the [right|left] of the plane of symmetry.",
 )
-def thrust_asymmetry(target: str = "") -> Effect:
+def thrust_asymmetry() -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.moment[2] -= values["value"] * path.surface["thrust"]
 
-    return Effect(
-        size=Size(within="span", meaningful=0.05, limit=20.0),
-        traits=Traits(
-            by_record=True, equal=lambda aircraft: (aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral)
-        ),
-        station="moments",
-        change=change,
-    )
+    def equal(aircraft: Airframe) -> tuple[Effect, float]:
+        return aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral
+
+    size = Size(within="span", meaningful=0.05, limit=20.0)
+    return Effect(size=size, traits=Traits(by_record=True, equal=equal), station="moments", change=change)
 
 
 @cause(
-    "thrust_line",
     unit="m",
     quantity="true minus assumed z of the thrust line, down positive",
     sentence="The thrust line lies {size} [lower|higher] than the aircraft file has it.",
 )
-def thrust_line(target: str = "") -> Effect:
+def thrust_line() -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.moment[1] += values["value"] * path.surface["thrust"]
 
-    return Effect(
-        size=Size(within="span", meaningful=0.05, limit=10.0),
-        station="moments",
-        change=change,
-        traits=Traits(equal=lambda aircraft: (aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch)),
-    )
+    def equal(aircraft: Airframe) -> tuple[Effect, float]:
+        return aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch
+
+    size = Size(within="span", meaningful=0.05, limit=10.0)
+    return Effect(size=size, traits=Traits(equal=equal), station="moments", change=change)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.model import operators, station
+from casid.model.causes.changes import turned
 from casid.model.causes.instruments import (
     ACCELERATIONS,
     ANGULAR_ACCELERATIONS,
@@ -18,11 +19,10 @@ from casid.model.causes.instruments import (
     group_channels,
     of_group,
 )
-from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause
+from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause, grid
 from casid.model.path import SignalPath
 from casid.model.terms import parse_term
 
-_AXES = ("x", "y", "z")
 # static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
 _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
     ("V", "alpha"): (10.0, 200.0),
@@ -33,29 +33,21 @@ _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
 
 
 @cause(
-    "sensor_misalignment",
     targets=("inertial",),
-    terms=_AXES,
+    terms=("x", "y", "z"),
     unit="rad",
     quantity="angle by which the unit is turned about the body axis that is its term",
     title="{label}: misalignment about {term}",
     sentence="The {label} is mounted askew: turned by {size} about body {term}.",
 )
 def sensor_misalignment(target: str, axis: str) -> Effect:
-    i, j = ((1, 2), (2, 0), (0, 1))[_AXES.index(axis)]
-
     def change(path: SignalPath, values: Symbols) -> None:
-        cosine = ca.cos(values["value"])
-        sine = ca.sin(values["value"])
         for names in (RATES, ACCELERATIONS, ANGULAR_ACCELERATIONS):
-            a = path.output[names[i]]
-            b = path.output[names[j]]
-            path.output[names[i]] = cosine * a + sine * b
-            path.output[names[j]] = cosine * b - sine * a
+            true = [path.output[name] for name in names]
+            read = turned(true, axis, ca.cos(values["value"]), -ca.sin(values["value"]))
+            path.output |= dict(zip(names, read, strict=True))
 
     return Effect(
-        target=target,
-        term=axis,
         reads=group_channels(target),
         kinematic=True,
         traits=Traits(by_record=True),
@@ -66,7 +58,6 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
 
 
 @cause(
-    "position_error",
     targets=("V", "alpha", "beta"),
     needs_term=True,
     candidates=lambda aircraft: starmap(position_error, _POSITION_ERRORS),
@@ -85,7 +76,6 @@ def position_error(channel: str, term: str) -> Effect:
         path.output[channel] += values["value"] * off
 
     return Effect(
-        target=channel,
         term=dependence.name,
         reads=(channel,),
         kinematic=True,
@@ -96,22 +86,17 @@ def position_error(channel: str, term: str) -> Effect:
 
 
 @cause(
-    "thrust_scale",
     unit="1",
     quantity="relative error of the recorded thrust; true over recorded, less one",
     sentence="The thrust is {percent} [more|less] than its record says.",
 )
-def thrust_scale(target: str = "") -> Effect:
+def thrust_scale() -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.surface["thrust"] *= 1.0 + values["value"]
 
-    return Effect(
-        # drag that grows with thrust, as in a slipstream, acts along the flight path, which is nearly the thrust line
-        traits=Traits(by_record=True, shows_as=tuple(("aero_term", along, "Tc") for along in ("CD", "CX"))),
-        station="surface",
-        change=change,
-        size=Size(meaningful=0.05, limit=0.6),
-    )
+    # drag that grows with thrust, as in a slipstream, acts along the flight path, which is nearly the thrust line
+    traits = Traits(by_record=True, shows_as=(("aero_term", "CD", "Tc"), ("aero_term", "CX", "Tc")))
+    return Effect(traits=traits, station="surface", change=change, size=Size(meaningful=0.05, limit=0.6))
 
 
 def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
@@ -120,7 +105,6 @@ def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
 
 
 @cause(
-    "clock_drift",
     place="reading",
     targets=SENSOR_GROUPS,
     unit="s/s",
@@ -141,11 +125,10 @@ def clock_drift(target: str) -> Effect:
     of_inputs = target == "surfaces"
     return Effect(
         traits=Traits(includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"), by_record=True),
-        target=target,
         reads=() if of_inputs else group_channels(target),
         kinematic=not of_inputs,
         linear=False,
-        further=Further(grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0))),
+        further=Further(grid=grid(value=(0.002, -0.002, 0.005, -0.005, 0.01, -0.01, 0.02, -0.02))),
         output=None if of_inputs else of_group(target, read),
         forms=Forms() if of_inputs else Forms(undo=of_group(target, undo), late=_drifted),
         series=series if of_inputs else None,

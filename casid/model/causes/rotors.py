@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, product, starmap
 from typing import Any
 
@@ -13,8 +14,9 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
+from casid.model.causes.changes import in_numbers, shifted, turned
 from casid.model.causes.controls import never_sought
-from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause
+from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause, grid
 from casid.model.path import RotorSignal, SignalPath
 from casid.model.rotors import (
     ALL,
@@ -30,6 +32,7 @@ from casid.model.rotors import (
     lag_of,
 )
 
+_OF_A_CURVE = ("slope", "curvature")  # of thrust by the input
 _DRAG_SPEED = 5.0  # m/s: at which drag is compared with weight
 _SLOPE_MATTERS = 0.1  # a loop's gain that differs by as much
 _WEIGHT_SHARE = 0.05  # part of the weight, of the arm of a rotor, or of a mass that matters
@@ -45,9 +48,7 @@ def _names(aircraft: Airframe) -> tuple[str, ...]:
     return aircraft.rotors.names if aircraft.rotors else ()
 
 
-def _targets(aircraft: Airframe) -> tuple[str, ...]:
-    """Each rotor of an aircraft, and all."""
-    return (*_names(aircraft), ALL) if aircraft.rotors else ()
+_rotor = partial(cause, of_rotors=True)
 
 
 def _of_rotors(target: str, act: Callable[[RotorSignal, Any], None], **more: Any) -> Effect:
@@ -57,13 +58,10 @@ def _of_rotors(target: str, act: Callable[[RotorSignal, Any], None], **more: Any
         for one in path.aircraft.required_rotors.of(target):
             act(path.rotor[one.name], values["value"])
 
-    return Effect(target=target, station="rotors", change=change, **more)
+    return Effect(station="rotors", change=change, **more)
 
 
-@cause(
-    "rotor_effectiveness",
-    of_rotors=True,
-    candidates=lambda aircraft: map(rotor_effectiveness, _targets(aircraft)),
+@_rotor(
     unit="1",
     quantity="relative change of thrust; -0.15: 15 % less than by the file",
     title="{label}: effectiveness",
@@ -73,23 +71,16 @@ def rotor_effectiveness(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.thrust = one.thrust + value * one.rotor.effectiveness * one.rotor.static_thrust(one.input)
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        return changed(rotors, target, lambda one: {"effectiveness": one.effectiveness * (1.0 + value)})
-
     enters = None if target == ALL else station.control(f"thrust_{target}")
     size = Size(meaningful=0.05, limit=0.95)
     traits = Traits(balance=True, by_record=True)
-    forms = Forms(into_rotors=into_rotors)
+    forms = in_numbers(target, lambda one, value: {"effectiveness": one.effectiveness * (1.0 + value)})
     return _of_rotors(target, act, enters=enters, size=size, traits=traits, forms=forms)
 
 
-@cause(
-    "thrust_curve",
-    of_rotors=True,
-    terms=("slope", "curvature"),
-    candidates=lambda aircraft: starmap(
-        thrust_curve, product([ALL] if aircraft.rotors else [], ("slope", "curvature"))
-    ),
+@_rotor(
+    terms=_OF_A_CURVE,
+    candidates=lambda aircraft: starmap(thrust_curve, product([ALL] if aircraft.rotors else [], _OF_A_CURVE)),
     unit="1",
     quantity="relative change of the slope of thrust at hover; or of its curvature: part of the hover thrust by which "
     "twice the hover thrust is more",
@@ -125,18 +116,13 @@ def thrust_curve(target: str, term: str) -> Effect:
 
     return Effect(
         forms=Forms(into_rotors=into_rotors),
-        target=target,
-        term=term,
         station="rotors",
         change=change,
         size=Size(meaningful=_SLOPE_MATTERS, limit=3.0, lowest=-1.0 if term == "slope" else None),
     )
 
 
-@cause(
-    "rotor_torque",
-    of_rotors=True,
-    candidates=lambda aircraft: map(rotor_torque, _targets(aircraft)),
+@_rotor(
     unit="1",
     quantity="relative change of the reaction torque per thrust; -2: it turns the other way",
     title="{label}: reaction torque",
@@ -147,51 +133,34 @@ def rotor_torque(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.torque = one.torque * (1.0 + value)
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        return changed(rotors, target, lambda one: {"torque": one.torque * (1.0 + value)})
-
     # steady flight balances all torques, whatever their size
     reads = ("r",) if target == ALL else ()
     size = Size(meaningful=0.1, limit=3.0)
-    traits = Traits(by_record=True)
-    forms = Forms(into_rotors=into_rotors)
-    return _of_rotors(target, act, reads=reads, size=size, traits=traits, forms=forms)
+    forms = in_numbers(target, lambda one, value: {"torque": one.torque * (1.0 + value)})
+    return _of_rotors(target, act, reads=reads, size=size, traits=Traits(by_record=True), forms=forms)
 
 
-def _timing(target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
-    """A lag or delay beside that of the file, as what it changes of the input."""
+def _timing(
+    target: str, act: Callable[[np.ndarray, np.ndarray, float, float, Any], np.ndarray], limit: float, **more: Any
+) -> Effect:
+    """What of the input acts otherwise than by the file: `act` makes it of time, what was commanded, delay and lag of
+    the file, and the value."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        found, (later, slower) = {}, (0.0, values["value"]) if of_lag else (values["value"], 0.0)
+        found = {}
         for name in rotors_in(known, target):
-            lag = float(known[lag_of(name)][0])
             late = float(known[delay_of(name)][0])
+            lag = float(known[lag_of(name)][0])
+            commanded = known[command(name)]
             # both from the same samples: what acts was made of the record before it was averaged
-            as_given, moved = (
-                operators.lag(t, operators.delay(t, known[command(name)], delay), constant)
-                for delay, constant in ((late, lag), (late + later, operators.larger(lag + slower, 0.0)))
-            )
-            found[station.control(name)] = moved - as_given
+            as_given = operators.lag(t, operators.delay(t, commanded, late), lag)
+            found[station.control(name)] = act(t, commanded, late, lag, values["value"]) - as_given
         return found
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        name = "lag" if of_lag else "delay"
-        return changed(rotors, target, lambda one: {name: max(getattr(one, name) + value, 0.0)})
-
-    return Effect(
-        target=target,
-        forms=Forms(into_rotors=into_rotors),
-        linear=False,
-        further=Further(grid=tuple({"value": size} for size in sizes)),
-        series=series,
-        size=Size(meaningful=0.01, limit=limit),
-    )
+    return Effect(linear=False, series=series, size=Size(meaningful=0.01, limit=limit), **more)
 
 
-@cause(
-    "rotor_lag",
-    of_rotors=True,
-    candidates=lambda aircraft: map(rotor_lag, _targets(aircraft)),
+@_rotor(
     unit="s",
     quantity="time constant between input and thrust, less that of the file",
     title="{label}: lag",
@@ -199,12 +168,15 @@ def _timing(target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> 
     "aircraft file.",
 )
 def rotor_lag(target: str) -> Effect:
-    return _timing(target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.5, of_lag=True)
+    def act(t: np.ndarray, commanded: np.ndarray, late: float, lag: float, value: Any) -> np.ndarray:
+        return operators.lag(t, operators.delay(t, commanded, late), operators.larger(lag + value, 0.0))
+
+    further = Further(grid=grid(value=(-0.06, -0.03, 0.015, 0.03, 0.06, 0.12)))
+    forms = in_numbers(target, lambda one, value: {"lag": max(one.lag + value, 0.0)})
+    return _timing(target, act, 0.5, further=further, forms=forms)
 
 
-@cause(
-    "rotor_rise_fall",
-    of_rotors=True,
+@_rotor(
     candidates=never_sought,
     unit="s",
     quantity="time constant while the input falls, less that while it rises, which is that of the file",
@@ -213,21 +185,13 @@ def rotor_lag(target: str) -> Effect:
     "rises.",
 )
 def rotor_rise_fall(target: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        found = {}
-        for name in rotors_in(known, target):
-            lag = float(known[lag_of(name)][0])
-            sent = operators.delay(t, known[command(name)], float(known[delay_of(name)][0]))
-            falls = operators.larger(lag + values["value"], 0.0)
-            found[station.control(name)] = operators.uneven_lag(t, sent, lag, falls) - operators.lag(t, sent, lag)
-        return found
+    def act(t: np.ndarray, commanded: np.ndarray, late: float, lag: float, value: Any) -> np.ndarray:
+        return operators.uneven_lag(t, operators.delay(t, commanded, late), lag, operators.larger(lag + value, 0.0))
 
-    return Effect(target=target, linear=False, series=series, size=Size(meaningful=0.01, limit=0.5))
+    return _timing(target, act, 0.5)
 
 
-@cause(
-    "rotor_limit",
-    of_rotors=True,
+@_rotor(
     candidates=never_sought,
     unit="N",
     quantity="largest thrust at rest",
@@ -241,9 +205,7 @@ def rotor_limit(target: str) -> Effect:
     return _of_rotors(target, act, linear=False)
 
 
-@cause(
-    "rotor_tilt",
-    of_rotors=True,
+@_rotor(
     terms=("x", "y", "z"),
     candidates=never_sought,
     unit="rad",
@@ -252,41 +214,32 @@ def rotor_limit(target: str) -> Effect:
     sentence="The axis of {label} is tilted by {size} about body {term} from where the aircraft file has it.",
 )
 def rotor_tilt(target: str, about: str) -> Effect:
-    i, j = ((1, 2), (2, 0), (0, 1))["xyz".index(about)]
-
-    def turned(axis: Sequence[Any], cosine: Any, sine: Any) -> list[Any]:
-        found = list(axis)
-        found[i] = cosine * axis[i] - sine * axis[j]
-        found[j] = sine * axis[i] + cosine * axis[j]
-        return found
-
     def act(one: RotorSignal, value: Any) -> None:
-        one.axis = turned(one.axis, ca.cos(value), ca.sin(value))
+        one.axis = turned(one.axis, about, ca.cos(value), ca.sin(value))
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        return changed(rotors, target, lambda one: {"axis": tuple(turned(one.axis, math.cos(value), math.sin(value)))})
+    def numbers(one: Rotor, value: float) -> dict[str, Any]:
+        return {"axis": tuple(turned(one.axis, about, math.cos(value), math.sin(value)))}
 
-    forms = Forms(into_rotors=into_rotors)
     size = Size(limit=0.5 * math.pi)
-    return _of_rotors(target, act, term=about, forms=forms, size=size, traits=Traits(balance=True))
+    return _of_rotors(target, act, forms=in_numbers(target, numbers), size=size, traits=Traits(balance=True))
 
 
-@cause(
-    "rotor_delay",
-    of_rotors=True,
-    candidates=lambda aircraft: map(rotor_delay, _targets(aircraft)),
+@_rotor(
     unit="s",
     quantity="dead time between input and thrust, less that of the file",
     title="{label}: delay",
     sentence="The thrust of {label} follows its input {size} [later|earlier] than in the aircraft file.",
 )
 def rotor_delay(target: str) -> Effect:
-    return _timing(target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.3, of_lag=False)
+    def act(t: np.ndarray, commanded: np.ndarray, late: float, lag: float, value: Any) -> np.ndarray:
+        return operators.lag(t, operators.delay(t, commanded, late + value), lag)
+
+    further = Further(grid=grid(value=(-0.02, 0.01, 0.02, 0.04, 0.08)))
+    forms = in_numbers(target, lambda one, value: {"delay": max(one.delay + value, 0.0)})
+    return _timing(target, act, 0.3, further=further, forms=forms)
 
 
-@cause(
-    "rotor_position",
-    of_rotors=True,
+@_rotor(
     terms=("x", "y", "z"),
     candidates=lambda aircraft: starmap(rotor_position, product(_names(aircraft), "xy")),
     unit="m",
@@ -302,19 +255,12 @@ def rotor_position(target: str, axis: str) -> Effect:
         arms = [math.hypot(*one.position[:2]) for one in aircraft.required_rotors.each]
         return _WEIGHT_SHARE * float(np.mean(arms))
 
-    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        by = value * np.eye(3)["xyz".index(axis)]
-        return changed(rotors, target, lambda one: {"position": tuple(map(float, one.position + by))})
-
     size = Size(meaningful=matters, within="arm")
-    traits = Traits(balance=True)
-    forms = Forms(into_rotors=into_rotors)
-    return _of_rotors(target, act, term=axis, size=size, traits=traits, forms=forms)
+    forms = in_numbers(target, lambda one, value: {"position": shifted(one.position, axis, value)})
+    return _of_rotors(target, act, size=size, traits=Traits(balance=True), forms=forms)
 
 
-@cause(
-    "rotor_swap",
-    of_rotors=True,
+@_rotor(
     joined=True,
     candidates=lambda aircraft: map(rotor_swap, map("+".join, combinations(_names(aircraft), 2))),
     unit="1",
@@ -328,17 +274,10 @@ def rotor_swap(target: str) -> Effect:
         change = values["value"] * (known[second] - known[first])
         return {station.control(first): change, station.control(second): -change}
 
-    return Effect(
-        target=target,
-        series=series,
-        size=Size(meaningful=0.5, limit=1.5),
-        traits=Traits(balance=True),
-    )
+    return Effect(series=series, size=Size(meaningful=0.5, limit=1.5), traits=Traits(balance=True))
 
 
-@cause(
-    "added_mass",
-    of_rotors=True,
+@_rotor(
     candidates=lambda aircraft: map(added_mass, _names(aircraft)),
     unit="kg",
     quantity="mass beside that of the file, at the hub of the rotor",
@@ -357,26 +296,17 @@ def added_mass(target: str) -> Effect:
         path.cg = [c + values["value"] / whole * arm for c, arm in zip(path.cg, one.position, strict=True)]
         path.mass = whole
 
-    def matters(aircraft: Airframe) -> float:
-        return _WEIGHT_SHARE * aircraft.mass
-
-    return Effect(
-        target=target,
-        station="mass",
-        change=change,
-        size=Size(meaningful=matters),
-        traits=Traits(balance=True, by_record=True),
-    )
+    size = Size(meaningful=lambda aircraft: _WEIGHT_SHARE * aircraft.mass)
+    return Effect(station="mass", change=change, size=size, traits=Traits(balance=True, by_record=True))
 
 
 @cause(
-    "mass_change",
     candidates=lambda aircraft: map(mass_change, [""] if aircraft.rotors else []),
     unit="1",
     quantity="relative change of the mass from the onset on; -0.2: a fifth is dropped",
     sentence="The mass changes by {percent} in mid-record.",
 )
-def mass_change(target: str = "") -> Effect:
+def mass_change() -> Effect:
     """The rotors then accelerate another mass. Moments stay: what is dropped hung near the centre of gravity."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
@@ -393,7 +323,6 @@ def mass_change(target: str = "") -> Effect:
 
 
 @cause(
-    "body_drag",
     targets=("x", "y", "z"),
     candidates=lambda aircraft: map(body_drag, "xyz" if aircraft.rotors else ""),
     unit="N s/m",
@@ -409,16 +338,10 @@ def body_drag(axis: str) -> Effect:
         return _WEIGHT_SHARE * aircraft.mass * aircraft.gravity / _DRAG_SPEED
 
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        by = value * np.eye(3)["xyz".index(axis)]
-        return replace(rotors, drag=tuple(map(float, rotors.drag + by)))
+        return replace(rotors, drag=shifted(rotors.drag, axis, value))
 
-    return Effect(
-        target=axis,
-        station="rotors",
-        change=change,
-        size=Size(meaningful=matters),
-        forms=Forms(into_rotors=into_rotors),
-    )
+    size = Size(meaningful=matters)
+    return Effect(station="rotors", change=change, size=size, forms=Forms(into_rotors=into_rotors))
 
 
 def _of_all(number: str, **more: Any) -> Effect:
@@ -431,28 +354,24 @@ def _of_all(number: str, **more: Any) -> Effect:
 
 
 @cause(
-    "rotor_inflow",
     candidates=lambda aircraft: map(rotor_inflow, [""] if aircraft.rotors else []),
     unit="s/m",
     quantity="part of the thrust of hover lost for each m/s along it, beside that of the file",
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
 )
-def rotor_inflow(target: str = "") -> Effect:
+def rotor_inflow() -> Effect:
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
         return replace(rotors, inflow=rotors.inflow + value)
 
-    size = Size(meaningful=0.02, limit=1.0)
-    forms = Forms(into_rotors=into_rotors)
-    return _of_all("inflow", size=size, forms=forms)
+    return _of_all("inflow", size=Size(meaningful=0.02, limit=1.0), forms=Forms(into_rotors=into_rotors))
 
 
 @cause(
-    "battery_sag",
     candidates=lambda aircraft: map(battery_sag, [""] if aircraft.rotors and aircraft.rotors.voltage else []),
     unit="1",
     quantity="exponent of the battery's voltage in the thrust, beside that of the file",
     sentence="The thrust follows the voltage of the battery with an exponent that is {size} [larger|smaller] than in "
     "the aircraft file.",
 )
-def battery_sag(target: str = "") -> Effect:
+def battery_sag() -> Effect:
     return _of_all("voltage_exponent", size=Size(meaningful=0.3, limit=5.0))

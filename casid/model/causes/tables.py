@@ -86,7 +86,6 @@ def _runs(points: tuple[float, ...], outside: str, longest: int | None = None) -
 
 
 @cause(
-    "table_increment",
     targets=COEFFICIENTS,
     needs_term=True,
     candidates=_stretches,
@@ -117,8 +116,6 @@ def table_increment(coefficient: str, term: str) -> Effect:
         return tuple(_with_change(one, asked, value) if one is held else one for one in tables)
 
     return Effect(
-        target=coefficient,
-        term=term,
         regressor=term,
         enters=station.coefficient(coefficient),
         station="coefficients",
