@@ -16,7 +16,8 @@ from small_flight import aircraft_file, records
 
 import casid as cs
 from casid.keeping import by_fields, plain
-from casid.model.causes import actuator_lag, gust
+from casid.model.causes.air import gust
+from casid.model.causes.controls import actuator_lag
 from casid.model.effect import Effect
 
 

@@ -26,7 +26,7 @@ from casid.data_check.reading import AS_RECORDED, FORCES, OF_THE_FILE, Read, Rea
 from casid.data_check.relations import RELATIONS, Relation, agreement
 from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, accelerometer, alternatives
 from casid.model.aircraft import Aircraft
-from casid.model.causes import accelerometer_position
+from casid.model.causes.instruments import accelerometer_position
 from casid.model.plausible import lift_in_trim, moment_in_trim
 from casid.records.record import Record
 from casid.signals import FLIGHT_LIMITS, GRAVITY, RADIAN_LIMITS, SURFACES

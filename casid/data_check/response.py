@@ -20,7 +20,7 @@ from casid.data_check.reading import FORCES, Read, Reading
 from casid.data_check.regression import Parts, Row, Squares, log_evidence, squares_of, together
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
-from casid.model.causes import accelerometer_position
+from casid.model.causes.instruments import accelerometer_position
 from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import derivative_term, parse_term

@@ -29,8 +29,8 @@ from casid.diagnosis.kinematics.turbulence import Turbulence
 from casid.diagnosis.sentences import NOT_CONFIRMED, NOT_NEEDED, cause_sentence, expected_of, noted
 from casid.model import station
 from casid.model.aircraft import Aircraft
-from casid.model.causes import aero_term, unsteady_aero
-from casid.model.causes import turbulence as turbulence_effect
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.air import turbulence as turbulence_effect
 from casid.model.effect import Effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence, title_of

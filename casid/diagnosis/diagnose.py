@@ -33,7 +33,7 @@ from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
-from casid.model.causes import turbulence as turbulence_effect
+from casid.model.causes.air import turbulence as turbulence_effect
 from casid.model.flown_records import with_estimates
 from casid.model.library import Library
 from casid.model.linearised import linearised

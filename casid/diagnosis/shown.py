@@ -22,7 +22,8 @@ from casid.diagnosis.flight.noise import View
 from casid.diagnosis.kinematics.turbulence import WIND
 from casid.errors import InputError
 from casid.frequency.response import FrequencyResponse, frequency_response
-from casid.model.causes import configuration_change, group_channels
+from casid.model.causes.aerodynamics import configuration_change
+from casid.model.causes.instruments import group_channels
 from casid.model.effect import Effect, with_grid
 from casid.model.effects import effect_named
 from casid.model.terms import parse_term

@@ -11,7 +11,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.causes import group_channels
+from casid.model.causes.instruments import group_channels
 from casid.model.dynamics import aircraft_model
 from casid.model.in_force import InForce, named
 from casid.model.measured_force import force_inputs, pulled_alike

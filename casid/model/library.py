@@ -23,25 +23,19 @@ from casid.arguments import given, table_of, whole
 from casid.arguments import names as names_of
 from casid.criterion import number
 from casid.errors import InputError, check_known
-from casid.model.causes import (
+from casid.model.causes.controls import (
     actuator_lag,
     backlash,
     dead_zone,
-    dry_friction,
     input_delay,
     input_limit,
     input_offset,
     input_scale,
-    missing_term,
-    parameter_change,
     rate_limit,
     second_order_actuator,
-    sensor_bias,
-    sensor_delay,
-    sensor_lag,
-    sensor_scale,
-    sensor_stuck,
 )
+from casid.model.causes.equations import dry_friction, missing_term, parameter_change
+from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_lag, sensor_scale, sensor_stuck
 from casid.model.effect import KINDS, Effect, Size
 from casid.model.in_force import known_of
 from casid.model.port import ModelPort as Port

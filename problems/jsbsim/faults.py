@@ -14,7 +14,7 @@ import numpy as np
 from scipy import signal
 
 from casid.errors import InputError
-from casid.model.causes import SENSOR_GROUPS
+from casid.model.causes.instruments import SENSOR_GROUPS
 from casid.model.vocabulary import check_effect, effect_unit
 from problems.jsbsim.airframe import FT, Airframe
 from problems.jsbsim.edit import Edit

@@ -23,7 +23,8 @@ from casid.diagnosis.given.as_given import attached_effects
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue
-from casid.model.causes import aero_term, structural_mode
+from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.instruments import structural_mode
 from casid.model.flown_records import flown_records
 from casid.model.operators import TURNING, turned
 from casid.model.simulate import simulate

@@ -12,7 +12,8 @@ from casid.diagnosis import comparisons as ask
 from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.comparisons import Gate
 from casid.errors import InputError
-from casid.model.causes import actuator_lag, aero_term, input_delay
+from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.controls import actuator_lag, input_delay
 from casid.model.numbers import digits
 from casid.model.vocabulary import title_of
 

@@ -20,16 +20,11 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.last_tests import too_small_or_refused
-from casid.model.causes import (
-    actuator_lag,
-    aero_term,
-    effectiveness_change,
-    gust,
-    input_delay,
-    mass,
-    sensor_bias,
-    unsteady_aero,
-)
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.air import gust
+from casid.model.causes.controls import actuator_lag, effectiveness_change, input_delay
+from casid.model.causes.instruments import sensor_bias
+from casid.model.causes.loading import mass
 from casid.model.effect import Effect
 from problems.do328 import do328
 

@@ -12,7 +12,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.errors import InputError
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from problems.do328 import do328
 
 

@@ -11,19 +11,11 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.flight.fit import without
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import (
-    accelerometer_position,
-    actuator_lag,
-    aero_term,
-    cg_offset,
-    configuration_change,
-    effectiveness_change,
-    gust,
-    sensor_bias,
-    sensor_delay,
-    sensor_scale,
-    wind_shear,
-)
+from casid.model.causes.aerodynamics import aero_term, configuration_change
+from casid.model.causes.air import gust, wind_shear
+from casid.model.causes.controls import actuator_lag, effectiveness_change
+from casid.model.causes.instruments import accelerometer_position, sensor_bias, sensor_delay, sensor_scale
+from casid.model.causes.loading import cg_offset
 from casid.report.page import Report
 from problems.blind.flown import turbulence
 from problems.do328 import V_TRIM, do328

@@ -18,7 +18,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.noise import as_slow_as_left
 from casid.diagnosis.last_tests import drifting, traced
 from casid.diagnosis.verdict import of_data
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from problems.do328 import do328
 
 

@@ -16,14 +16,8 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import check as kinematic_stage
 from casid.diagnosis.kinematics import kinematics
 from casid.model import operators
-from casid.model.causes import (
-    actuator_lag,
-    effectiveness_change,
-    sensor_bias,
-    sensor_delay,
-    sensor_lag,
-    vane_position,
-)
+from casid.model.causes.controls import actuator_lag, effectiveness_change
+from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_lag, vane_position
 from casid.records.record import Record
 from problems.do328 import do328
 

@@ -14,7 +14,7 @@ import pytest
 import casid as cs
 from casid.errors import InputError
 from casid.formats.absorbed import absorbed
-from casid.model.causes import cg_offset
+from casid.model.causes.loading import cg_offset
 
 QUAD = cs.Aircraft(
     name="quad",

@@ -11,7 +11,7 @@ import pytest
 import casid as cs
 from casid.errors import InputError
 from casid.model import causes  # noqa: F401  fills the register
-from casid.model.causes import group_channels
+from casid.model.causes.instruments import group_channels
 from casid.model.effect import KINDS, Effect
 from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
-from casid.model.causes import configuration_change, effectiveness_change, feedback, gust, wind_shear
-from casid.model.causes.controls import washed_out
+from casid.model.causes.aerodynamics import configuration_change
+from casid.model.causes.air import gust, wind_shear
+from casid.model.causes.controls import effectiveness_change, feedback, washed_out
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of

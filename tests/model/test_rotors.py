@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 import casid as cs
 from casid.errors import InputError
 from casid.model import operators
-from casid.model.causes import (
+from casid.model.causes.controls import effectiveness_change
+from casid.model.causes.loading import cg_offset
+from casid.model.causes.rotors import (
     added_mass,
     body_drag,
-    cg_offset,
-    effectiveness_change,
     mass_change,
     rotor_effectiveness,
     rotor_inflow,

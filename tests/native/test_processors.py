@@ -16,7 +16,7 @@ from diagnosis_flights import flights, one_round
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import actuator_lag
+from casid.model.causes.controls import actuator_lag
 from casid.native.processors import processors, share_out, side_by_side
 from problems.do328 import do328
 

@@ -27,7 +27,9 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.shown import detectable_of, onset_profiles, titled
 from casid.keeping import load
-from casid.model.causes import actuator_lag, effectiveness_change, gust, input_delay, sensor_bias
+from casid.model.causes.air import gust
+from casid.model.causes.controls import actuator_lag, effectiveness_change, input_delay
+from casid.model.causes.instruments import sensor_bias
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import effect_named

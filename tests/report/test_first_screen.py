@@ -14,8 +14,9 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.document import Called, Document
 from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.result import Diagnosis
-from casid.model.causes import gust, input_delay, sensor_bias
-from casid.model.causes.controls import actuator_lag
+from casid.model.causes.air import gust
+from casid.model.causes.controls import actuator_lag, input_delay
+from casid.model.causes.instruments import sensor_bias
 from casid.model.effect import Effect
 from casid.model.vocabulary import title_of
 

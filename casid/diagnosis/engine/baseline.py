@@ -25,7 +25,7 @@ from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.check import KinematicFindings, comes_near, judge_kinematics, no_kinematics
 from casid.diagnosis.kinematics.turbulence import Turbulence, in_turbulence
 from casid.diagnosis.time_limit import TimeIsUpError
-from casid.model.causes import aero_term
+from casid.model.causes.aerodynamics import aero_term
 from casid.model.effect import Effect
 from casid.model.path import aerodynamic_parameters
 

@@ -22,7 +22,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
 from casid.errors import InputError
-from casid.model.causes import configuration_change
+from casid.model.causes.aerodynamics import configuration_change
 from casid.model.effect import Effect, Values
 from casid.model.station import MOVING_AIR
 from casid.native.processors import side_by_side

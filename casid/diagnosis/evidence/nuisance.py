@@ -16,7 +16,7 @@ from casid.diagnosis.evidence.fingerprints import Projection
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.filtering.kernel import WHOLE
-from casid.model.causes import sensor_delay
+from casid.model.causes.instruments import sensor_delay
 from casid.model.effect import Effect
 
 _UNIT = ("inertial",)

@@ -19,7 +19,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.filtering.kernel import SAMPLES
 from casid.model import operators
-from casid.model.causes import configuration_change
+from casid.model.causes.aerodynamics import configuration_change
 from casid.model.effect import with_grid
 from casid.model.station import coefficient
 

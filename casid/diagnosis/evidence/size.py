@@ -11,7 +11,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.model import station
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from casid.model.terms import parse_term
 from casid.signals import SURFACES
 

@@ -28,7 +28,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunction
 from casid.filtering.kalman import Filter, coloured_news, kalman_filter, residual_about
 from casid.filtering.kernel import COLUMNS, SAMPLES
 from casid.model import operators
-from casid.model.causes import group_channels
+from casid.model.causes.instruments import group_channels
 from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model

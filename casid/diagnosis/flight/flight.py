@@ -21,7 +21,7 @@ from casid.errors import InputError
 from casid.filtering.innovations import make_batch
 from casid.model import operators
 from casid.model.aircraft import Aircraft
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
 from casid.model.effect import Effect
 from casid.model.effects import catalogue

@@ -14,7 +14,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, ParameterFunc
 from casid.filtering.kalman import Filter
 from casid.model import operators
 from casid.model.aircraft import Aircraft
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.station import control

@@ -23,7 +23,7 @@ from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
 from casid.filtering.free_flight import chance_error, free_flight_sigma
 from casid.filtering.slow import usual_offset, white_and_slow
-from casid.model.causes import sensor_bias, sensor_delay
+from casid.model.causes.instruments import sensor_bias, sensor_delay
 from casid.model.station import control
 from casid.records.noise import isolated
 from casid.records.record import Record

@@ -39,7 +39,9 @@ from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, line
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_levels import Levels, most_likely_levels
 from casid.model.aircraft import Aircraft
-from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
+from casid.model.causes.instruments import sensor_bias
+from casid.model.causes.loading import mass
+from casid.model.causes.rotors import rotor_delay, rotor_effectiveness, rotor_lag
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue

@@ -19,8 +19,8 @@ from casid.data_check.file_meaning import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.model.aircraft import Aircraft
-from casid.model.causes import feedback, moment_reference
-from casid.model.causes.controls import LOOPS
+from casid.model.causes.controls import LOOPS, feedback
+from casid.model.causes.loading import moment_reference
 from casid.model.effect import Effect
 from casid.model.numbers import with_deviation
 from casid.model.plausible import Doubt

@@ -36,7 +36,7 @@ from casid.errors import InputError
 from casid.frames import Rows
 from casid.keeping import by_fields, plain
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
-from casid.model.causes import sensor_bias
+from casid.model.causes.instruments import sensor_bias
 from casid.model.vocabulary import effect_title
 from casid.native.threads import single_threaded
 from casid.records.given import given_records, require_flight

@@ -15,14 +15,9 @@ from casid.diagnosis.engine.acceptance import explains as gates_of
 from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import KinematicCheck
-from casid.model.causes import (
-    aero_term,
-    backlash,
-    effectiveness_change,
-    sensor_bias,
-    sensor_scale,
-    unsteady_aero,
-)
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.controls import backlash, effectiveness_change
+from casid.model.causes.instruments import sensor_bias, sensor_scale
 from casid.model.station import Station
 from problems.do328 import do328
 

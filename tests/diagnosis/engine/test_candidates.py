@@ -13,16 +13,11 @@ from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import (
-    accelerometer_position,
-    actuator_lag,
-    aero_term,
-    cg_offset,
-    input_delay,
-    mass,
-    sensor_bias,
-    thrust_scale,
-)
+from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.controls import actuator_lag, input_delay
+from casid.model.causes.instruments import accelerometer_position, sensor_bias
+from casid.model.causes.loading import cg_offset, mass
+from casid.model.causes.recording import thrust_scale
 from casid.model.effect import Effect
 from problems.do328 import do328
 

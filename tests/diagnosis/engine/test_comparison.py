@@ -18,20 +18,11 @@ from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import KinematicCheck
-from casid.model.causes import (
-    actuator_lag,
-    aero_term,
-    clock_drift,
-    dead_zone,
-    gust,
-    input_delay,
-    sensor_bias,
-    sensor_delay,
-    sensor_lag,
-    sensor_scale,
-    unsteady_aero,
-)
-from casid.model.causes.controls import washed_out
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.air import gust
+from casid.model.causes.controls import actuator_lag, dead_zone, input_delay, washed_out
+from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_lag, sensor_scale
+from casid.model.causes.recording import clock_drift
 from problems.do328 import do328
 
 LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})

@@ -10,7 +10,7 @@ from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import stuck
+from casid.model.causes.controls import stuck
 
 
 def _marginal(evidence: Evidence) -> float:

@@ -23,15 +23,9 @@ from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.budget import BudgetSteps
-from casid.model.causes import (
-    accelerometer_position,
-    actuator_lag,
-    gust,
-    input_delay,
-    sensor_bias,
-    sensor_scale,
-    turbulence,
-)
+from casid.model.causes.air import gust, turbulence
+from casid.model.causes.controls import actuator_lag, input_delay
+from casid.model.causes.instruments import accelerometer_position, sensor_bias, sensor_scale
 
 CRITERIA = Criteria()
 DOUBT, AT_CRITERION = CRITERIA.priors.doubt, CRITERIA.priors.named

@@ -25,16 +25,10 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.check import KinematicFindings
 from casid.diagnosis.kinematics.turbulence import still_air
-from casid.model.causes import (
-    actuator_lag,
-    aero_term,
-    effectiveness_change,
-    input_delay,
-    sensor_bias,
-    sensor_scale,
-    thrust_line,
-    unsteady_aero,
-)
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.controls import actuator_lag, effectiveness_change, input_delay
+from casid.model.causes.instruments import sensor_bias, sensor_scale
+from casid.model.causes.loading import thrust_line
 from problems.do328 import do328
 
 LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})

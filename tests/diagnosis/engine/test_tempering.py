@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import Remainder, distance
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.model.causes import sensor_bias, sensor_scale
+from casid.model.causes.instruments import sensor_bias, sensor_scale
 from casid.model.effect import Effect
 
 N, R, RATE = 4000, 3, 25.0

@@ -13,7 +13,10 @@ from casid.diagnosis.evidence.screening import Screen, rank
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import gust, rate_limit, sensor_bias, sensor_delay, thrust_scale
+from casid.model.causes.air import gust
+from casid.model.causes.controls import rate_limit
+from casid.model.causes.instruments import sensor_bias, sensor_delay
+from casid.model.causes.recording import thrust_scale
 from problems.do328 import do328
 
 SIGMAS = 5.6

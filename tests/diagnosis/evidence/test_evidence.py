@@ -14,11 +14,9 @@ from casid.diagnosis.evidence.evidence import is_sure, jackknife, left_open, wei
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import (
-    effectiveness_change,
-    gust,
-    structural_mode,
-)
+from casid.model.causes.air import gust
+from casid.model.causes.controls import effectiveness_change
+from casid.model.causes.instruments import structural_mode
 from problems.do328 import do328
 
 

@@ -15,7 +15,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue
-from casid.model.causes import structural_mode
+from casid.model.causes.instruments import structural_mode
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import with_grid
 from casid.model.effects import catalogue, effect_of

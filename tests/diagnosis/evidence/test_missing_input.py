@@ -14,7 +14,7 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import actuator_lag
+from casid.model.causes.controls import actuator_lag
 from problems.do328 import do328
 
 

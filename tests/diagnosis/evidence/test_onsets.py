@@ -17,7 +17,9 @@ from casid.diagnosis.evidence.onsets import alone, sudden
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import configuration_change, effectiveness_change, gust, stuck, wind_shear
+from casid.model.causes.aerodynamics import configuration_change
+from casid.model.causes.air import gust, wind_shear
+from casid.model.causes.controls import effectiveness_change, stuck
 from problems.do328 import do328
 
 _T = np.arange(0.0, 40.0, 1.0 / 25.0)

@@ -19,14 +19,9 @@ from casid.diagnosis.evidence.fingerprints import Fingerprint, fingerprints
 from casid.diagnosis.evidence.screening import Screen, rank, screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
-from casid.model.causes import (
-    aero_term,
-    mass,
-    sensor_bias,
-    sensor_scale,
-    unsteady_aero,
-    vane_position,
-)
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
+from casid.model.causes.instruments import sensor_bias, sensor_scale, vane_position
+from casid.model.causes.loading import mass
 from casid.model.effects import catalogue
 from problems.do328 import do328
 

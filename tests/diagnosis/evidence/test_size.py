@@ -19,16 +19,10 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import free_simulation
 from casid.diagnosis.gates import is_possible
-from casid.model.causes import (
-    actuator_lag,
-    aero_term,
-    input_delay,
-    mass,
-    rate_limit,
-    sensor_bias,
-    sensor_lag,
-    structural_mode,
-)
+from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.controls import actuator_lag, input_delay, rate_limit
+from casid.model.causes.instruments import sensor_bias, sensor_lag, structural_mode
+from casid.model.causes.loading import mass
 from casid.model.effect import Effect
 from problems.do328 import do328
 

@@ -12,7 +12,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model import operators
-from casid.model.causes import actuator_lag, aero_term, configuration_change
+from casid.model.causes.aerodynamics import aero_term, configuration_change
+from casid.model.causes.controls import actuator_lag
 from problems.do328 import do328
 
 _SCALES = (1.0, 2.0, 4.0)

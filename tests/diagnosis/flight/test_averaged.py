@@ -12,7 +12,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import view_of
-from casid.model.causes import actuator_lag, wind_shear
+from casid.model.causes.air import wind_shear
+from casid.model.causes.controls import actuator_lag
 from casid.records.record import Record
 from casid.records.thinning import averaged
 from problems.do328 import do328

@@ -9,7 +9,9 @@ from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.flight.bounds import inertia_bounds, possible
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.gates import is_possible
-from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, rotor_position, vane_position
+from casid.model.causes.instruments import accelerometer_position, vane_position
+from casid.model.causes.loading import cg_offset, inertia, mass
+from casid.model.causes.rotors import rotor_position
 from problems.do328 import do328
 
 BY = SizeCriteria()

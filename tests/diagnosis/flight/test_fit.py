@@ -29,17 +29,9 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.turbulence import gusts
 from casid.errors import InputError
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
-from casid.model.causes import (
-    actuator_lag,
-    backlash,
-    configuration_change,
-    dead_zone,
-    input_delay,
-    rate_limit,
-    sensor_bias,
-    sensor_delay,
-    structural_mode,
-)
+from casid.model.causes.aerodynamics import configuration_change
+from casid.model.causes.controls import actuator_lag, backlash, dead_zone, input_delay, rate_limit
+from casid.model.causes.instruments import sensor_bias, sensor_delay, structural_mode
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.usual_derivatives import missing_derivatives

@@ -16,7 +16,8 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, held_share
 from casid.filtering.innovations import Batch
-from casid.model.causes import actuator_lag, input_delay, sensor_delay
+from casid.model.causes.controls import actuator_lag, input_delay
+from casid.model.causes.instruments import sensor_delay
 from casid.records.record import Record
 
 SURFACES = ("delta_e", "delta_a", "delta_r")

@@ -9,7 +9,7 @@ from casid.diagnosis.flight.evaluation import as_read, lateness
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import sensor_delay
+from casid.model.causes.instruments import sensor_delay
 from problems.do328 import do328
 
 

@@ -13,7 +13,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import outliers, without_outliers
-from casid.model.causes import actuator_lag, input_delay, sensor_scale
+from casid.model.causes.controls import actuator_lag, input_delay
+from casid.model.causes.instruments import sensor_scale
 from casid.records.record import Record
 
 _HIDDEN = (

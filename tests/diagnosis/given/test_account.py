@@ -14,7 +14,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.given.budget import Budget, BudgetSteps, account_of
 from casid.diagnosis.verdict import verdict_of
-from casid.model.causes import actuator_lag
+from casid.model.causes.controls import actuator_lag
 
 
 def facts(as_given: float, data: float, values: float, structure: float, expected: float = 1.0) -> Facts:

@@ -13,7 +13,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import FlightValue, contradicted
 from casid.diagnosis.result import Diagnosis
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
-from casid.model.causes import actuator_lag
+from casid.model.causes.controls import actuator_lag
 from problems.do328 import STABLE, do328
 
 WRONG = {"Cm_delta_e": -1.0, "Cl_p": 2.0, "Cn_beta": 2.0}

@@ -13,7 +13,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.factors import borne_out, common_factors
 from casid.diagnosis.given.scope import scope_of
-from casid.model.causes import moment_reference
+from casid.model.causes.loading import moment_reference
 from casid.model.dynamics import aircraft_model
 from casid.model.plausible import Doubt
 from casid.model.tables import table

@@ -15,7 +15,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import FlightValue, contradicted, flight_values
-from casid.model.causes import aero_term, unsteady_aero
+from casid.model.causes.aerodynamics import aero_term, unsteady_aero
 from problems.do328 import do328
 
 

@@ -20,16 +20,16 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check, worth_fitting
-from casid.model.causes import (
+from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.instruments import (
     accelerometer_position,
-    aero_term,
     sensor_bias,
     sensor_delay,
     sensor_lag,
     sensor_scale,
-    thrust_line,
     vane_position,
 )
+from casid.model.causes.loading import thrust_line
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 from problems.do328 import do328

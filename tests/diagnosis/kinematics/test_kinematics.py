@@ -12,7 +12,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.model.airframe import Inertia
-from casid.model.causes import accelerometer_position, sensor_bias, sensor_delay, sensor_lag, sensor_scale
+from casid.model.causes.instruments import accelerometer_position, sensor_bias, sensor_delay, sensor_lag, sensor_scale
 from casid.model.effect import Effect
 from problems.do328 import STABLE, do328
 

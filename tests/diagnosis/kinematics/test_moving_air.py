@@ -26,7 +26,9 @@ from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics.check import without_turbulence
 from casid.diagnosis.kinematics.kinematics import reconstruct
 from casid.diagnosis.kinematics.turbulence import gusts, in_other_air, in_turbulence, still_air, turbulence
-from casid.model.causes import gust, sensor_bias, sensor_lag, sensor_scale, unsteady_aero, wind_shear
+from casid.model.causes.aerodynamics import unsteady_aero
+from casid.model.causes.air import gust, wind_shear
+from casid.model.causes.instruments import sensor_bias, sensor_lag, sensor_scale
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.records.record import Record

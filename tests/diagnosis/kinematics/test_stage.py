@@ -14,7 +14,8 @@ from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.scope import scope_of
 from casid.diagnosis.kinematics.check import comes_near
 from casid.model.aircraft import Aircraft
-from casid.model.causes import clock_drift, sensor_delay
+from casid.model.causes.instruments import sensor_delay
+from casid.model.causes.recording import clock_drift
 from casid.model.effect import Effect
 from casid.records.record import Record
 from problems.do328 import do328

@@ -15,7 +15,7 @@ import casid as cs
 from casid.diagnosis.diagnose import diagnose
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.causes import table_increment
+from casid.model.causes.tables import table_increment
 from casid.model.dynamics import aircraft_model
 from casid.model.effects import catalogue
 from casid.model.simulate import simulate
