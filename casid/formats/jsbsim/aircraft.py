@@ -86,7 +86,7 @@ def _of_form(form: ET.Element, mass: float) -> np.ndarray:
 
 _LATERAL = ("0", "beta", "p", "r", "delta_a", "delta_r")
 # derivatives that are increments, zero at first, on top of what the file has
-_INCREMENTS: Mapping[str, tuple[str, ...]] = {
+INCREMENTS: Mapping[str, tuple[str, ...]] = {
     "CL": ("0", "alpha", "q", "delta_e"),
     "CD": ("0", "alpha"),
     "CY": _LATERAL,
@@ -103,7 +103,7 @@ def on_top(span: float, chord: float, renamed: Mapping[str, str] = MappingProxyT
         "moment_length_pitch": chord,
         "rate_length_lateral": span / 2.0,
         "rate_length_pitch": chord / 2.0,
-        "derivatives": {f"{renamed.get(c, c)}_{term}": 0.0 for c, terms in _INCREMENTS.items() for term in terms},
+        "derivatives": {f"{renamed.get(c, c)}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
     }
 
 
