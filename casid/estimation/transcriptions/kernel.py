@@ -174,7 +174,10 @@ def unfilled(sizes: Sizes, count: int, length: int, lift: Lift | None = None) ->
 
 def triangles(weights: np.ndarray) -> tuple[np.ndarray, bool]:
     """Lower triangles (patterns, o (o + 1)/2) of weights (patterns, o, o), and whether any has more than a diagonal."""
-    return weights[:, *np.tril_indices(weights.shape[1])], is_dense(weights)
+    return weights[:, *_below(weights.shape[1])], is_dense(weights)
+
+
+_below = cache(np.tril_indices)  # asked at every linearisation
 
 
 def is_dense(weights: np.ndarray) -> bool:
