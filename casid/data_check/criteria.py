@@ -36,7 +36,7 @@ class DataCriteria:
         "over those of the trim, lift in the trim over weight, slope of a flight path of unknown altitude; a part of "
         "its length for the place of an accelerometer; what flow angles add to each other and to an airspeed; minor "
         "derivatives as a part of their coefficient's variation; factors within it are one",
-        "measured: minor derivatives 0.21 r.m.s. in seven real flights",
+        "measured: 0.08 to 0.25 before, each its own; 299 and 300 of 308 drawn faults right",
     )
     rough: float = number(
         0.35,

@@ -49,14 +49,15 @@ class SignificanceCriteria:
 class PartCriteria:
     """Parts of a whole, by which comparisons without a number of their own are made."""
 
-    most: float = number(
-        2 / 3,
-        "part of a cause's statistic above which another is an alternative, short of which a trial is abandoned, and "
-        "that kinematics confirm; of turbulence's statistic that slow latent inputs reach, which coloured noise "
-        "cannot; of outputs that show a filter common to all; of a rate's noise below which its derivative was "
-        "computed from it; of a value's information that one stretch is given at most; sine of the angle of similar "
-        "fingerprints",
-        "measured: each 0.6 to 0.8 before, the same decisions",
+    third: float = number(
+        1 / 3,
+        "part of a statistic, or of a size, below which a cause is not worth a fit, and the kinematics reject it; what "
+        "it leaves is most of something: part of a cause's statistic above which another is an alternative, short of "
+        "which a trial is abandoned, and that kinematics confirm; of turbulence's statistic that slow latent inputs "
+        "reach, which coloured noise cannot; of outputs that show a filter common to all; of a rate's noise below "
+        "which its derivative was computed from it; of a value's information that one stretch is given at most; sine "
+        "of the angle of similar fingerprints",
+        "measured: 0.3 and 0.6 to 0.8 before, verdict and names the same in 35 of 36 sets",
     )
     half: float = number(
         0.5,
@@ -82,10 +83,9 @@ class PartCriteria:
     )
 
     @property
-    def some(self) -> float:
-        """What `most` leaves: the part of a statistic below which a cause is not worth a fit, and the kinematics reject
-        it."""
-        return 1.0 - self.most
+    def most(self) -> float:
+        """What a third leaves."""
+        return 1.0 - self.third
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,16 +19,16 @@ def predicted_size(
     effect: Effect, share: float, statistic: float, clear: float, criteria: Criteria
 ) -> tuple[Gate, ...]:
     """Ask the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
-    least = criteria.parts.some
-    gates = (ask.PREDICTED_SIZE.of(share, least, "parts.most"),)
+    least = criteria.parts.third
+    gates = (ask.PREDICTED_SIZE.of(share, least, "parts.third"),)
     if effect.of_an_instrument:
         return gates
-    return (*gates, ask.PREDICTED_CLEARNESS.of(share**2 * statistic / clear, least, "parts.most"))
+    return (*gates, ask.PREDICTED_CLEARNESS.of(share**2 * statistic / clear, least, "parts.third"))
 
 
 def promises_enough(part: float, criteria: Criteria) -> Gate:
     """The gate on what the full model predicts of a fit, over what a name and the best fit so far ask of it."""
-    return ask.PROMISE.of(part, criteria.parts.some, "parts.most")
+    return ask.PROMISE.of(part, criteria.parts.third, "parts.third")
 
 
 def required_gain(effect: Effect, criteria: Criteria) -> float:
@@ -132,8 +132,8 @@ def seen_by_kinematics(predicted: float, achieved: float, criteria: Criteria) ->
     if predicted <= by.search:
         return ()
     fits = ask.CONTRADICTED_SIZE.of(contradiction(predicted, achieved), by.search, "significance.search")
-    least = criteria.parts.some
-    return (ask.FOUND_BY_KINEMATICS.of(achieved / predicted, least, "parts.most", [fits]),)
+    least = criteria.parts.third
+    return (ask.FOUND_BY_KINEMATICS.of(achieved / predicted, least, "parts.third", [fits]),)
 
 
 def contradiction(predicted: float, achieved: float) -> float:
@@ -147,10 +147,10 @@ def still_missing(before: float, left: float, criteria: Criteria, where: str = "
     `before` and `left` are the likelihood-ratio statistics of the latent input before and after the cause; less may
     remain beside a cause that is `flexible` enough to imitate others.
     """
-    name = "tenth" if flexible else "quarter"
-    most = getattr(criteria.parts, name)
+    most = criteria.parts.tenth if flexible else criteria.parts.quarter
+    name = "parts.tenth" if flexible else "parts.quarter"
     noise = no_more_than_noise(left, criteria)
-    return ask.STILL_MISSING.of(left / max(before, 1e-300), most, f"parts.{name}", [noise], where)
+    return ask.STILL_MISSING.of(left / max(before, 1e-300), most, name, [noise], where)
 
 
 def no_more_than_noise(left: float, criteria: Criteria) -> Gate:

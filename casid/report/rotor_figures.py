@@ -79,7 +79,8 @@ def _deviation(document: Document, rotor: Rotor, cause: ReportedCause | None) ->
     name = effectiveness(rotor.name)
     moved = {one.parameter: one.extended for one in document.moved}
     if cause:
-        changed, std = cause.value, cause.std
+        changed = cause.value
+        std = cause.std
     elif name in moved:
         changed = moved[name] / rotor.effectiveness - 1.0
         std = document.flight[name].std / rotor.effectiveness

@@ -63,8 +63,8 @@ def worth_trying(
         # a fit moves an onset to its best place in the whole record, wherever the linearisation begins it
         chosen += [c for c in further if not any(is_same(c.attached, b.attached, np.inf) for b in before)]
         screened = {**others, **screened}
-    least = criteria.parts.some * required
-    beside = {c.name: ask.BESIDE_TURBULENCE.of(c.net, least, "parts.most") for c in chosen}
+    least = criteria.parts.third * required
+    beside = {c.name: ask.BESIDE_TURBULENCE.of(c.net, least, "parts.third") for c in chosen}
     kinematic_ones = {c.name for c in chosen if c.attached.effect.kinematic}
     faint = {name: (asked,) for name, asked in beside.items() if not asked.passed and name not in kinematic_ones}
     chosen = [c for c in chosen if c.name not in faint]
@@ -138,7 +138,7 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
 
 def _promising(candidate: Candidate, criteria: Criteria) -> Gate:
     """The gate on the score statistic of a cause that is to be fitted."""
-    return ask.PREDICTED.of(candidate.net, criteria.parts.some * criteria.naming.gain, "parts.most")
+    return ask.PREDICTED.of(candidate.net, criteria.parts.third * criteria.naming.gain, "parts.third")
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:

@@ -453,7 +453,7 @@ def _tried(
             trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + parts.some * abs(trial.gain.raw))
+                give_up = min(give_up, fitted.deviance + parts.third * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial):

@@ -146,7 +146,7 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     achieved = part * (whole.achieved + whole.predicted) - predicted
     if predicted <= whole.criteria.significance.search:
         return None
-    return ask.WORTH_FITTING.of(achieved / predicted, whole.criteria.parts.some, "parts.most")
+    return ask.WORTH_FITTING.of(achieved / predicted, whole.criteria.parts.third, "parts.third")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -236,7 +236,7 @@ def without_turbulence(
     if len(found) == len(before):
         return None
     left = turbulence(flight, kinematics.reconstruct(flight, found))
-    if left.named or left.gain > flight.criteria.parts.some * turbulent.gain:
+    if left.named or left.gain > flight.criteria.parts.third * turbulent.gain:
         return None
     evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
     return evidence, screen(evidence, _observable(flight, before))
@@ -272,7 +272,7 @@ def _with_faults(flight: Subject, turbulent: Turbulence, calm: FlightFit, effect
     for _ in range(criteria.numerics.naming.trials):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if is_possible(c.attached)]
-        if not ranked or ranked[0].net < criteria.parts.some * (evidence.deviance - in_moving_air[-1]):
+        if not ranked or ranked[0].net < criteria.parts.third * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
