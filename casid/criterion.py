@@ -1,7 +1,7 @@
 """Numbers that decide something, with unit, meaning and evidence, and groups of such numbers.
 
 A group is a frozen keyword-only dataclass whose fields are made by `number` or are other groups. A criterion is read as
-`criteria.naming.gain`, listed by `listed`, and set from a file by `overridden`.
+`criteria.significance.search`, listed by `listed`, and set from a file by `overridden`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def number(value: Value, meaning: str, evidence: str = "chosen", *, unit: str = 
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion:
-    """One number as a row of a table; `name` includes its groups, as "naming.gain"."""
+    """One number as a row of a table; `name` includes its groups, as "significance.search"."""
 
     name: str
     value: Value
@@ -48,8 +48,8 @@ def listed(group: object, within: str = "") -> Iterator[Criterion]:
 
 
 def overridden(group: Group, table: Mapping[str, Any], where: str = "") -> Group:
-    """The group with other values from a nested table, {"naming": {"gain": 60.0}}; `where` is named in errors. Raises
-    InputError for a name that does not exist, and for a value of another kind."""
+    """The group with other values from a nested table, {"significance": {"search": 60.0}}; `where` is named in errors.
+    Raises InputError for a name that does not exist, and for a value of another kind."""
     return _overridden(group, table, "", [one.name for one in listed(group)], f"{where}: " if where else "")
 
 

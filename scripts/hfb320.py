@@ -55,7 +55,7 @@ OUTPUT_ERROR, FILTER_ERROR = "output error", "with process noise"
 
 def residual_tests(channels: tuple[str, ...], residuals: np.ndarray) -> dict[str, dict[str, float]]:
     """Channel -> r.m.s., lag-1 autocorrelation and Ljung-Box p-value of residuals (N, channels)."""
-    seen, lags = np.isfinite(residuals), Numerics().fit.whiteness_lags
+    seen, lags = np.isfinite(residuals), round(Numerics().samples_per_cycle)
     return {
         name: {
             "rms": float(np.sqrt(np.nanmean(residuals[:, i] ** 2))),

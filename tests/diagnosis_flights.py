@@ -53,7 +53,7 @@ def at_most(gate: str, value: float, threshold: float) -> Gate:
 def one_round() -> Criteria:
     """Criteria by which a diagnosis fits the likeliest cause of each ranking once: for what does not hang on names."""
     numerics = Criteria().numerics
-    naming = replace(numerics.naming, rounds=1, trials=1, few=1)
+    naming = replace(numerics.naming, trials=1, few=1)
     return Criteria(numerics=replace(numerics, naming=naming))
 
 

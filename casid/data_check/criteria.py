@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import ndtri
 
 from casid.criterion import number
@@ -33,15 +34,17 @@ class DataCriteria:
     fair: float = number(
         0.15,
         "1-sigma of what is known fairly, as a part of it: mean load factor of a test flight, airspeed and density "
-        "over those of the trim, lift in the trim over weight, slope of a flight path of unknown altitude; a part of "
-        "its length for the place of an accelerometer; what flow angles add to each other and to an airspeed; minor "
-        "derivatives as a part of their coefficient's variation; factors within it are one",
+        "over those of the trim, density over the standard one, lift in the trim over weight, slope of a flight path "
+        "of unknown altitude and its change in a record; a part of its length for the place of an accelerometer; what "
+        "flow angles add to each other and to an airspeed; minor derivatives, and what a linear model leaves at least, "
+        "as parts of a coefficient's variation; factors within it are one",
         "measured: 0.08 to 0.25 before, each its own; 299 and 300 of 308 drawn faults right",
     )
     rough: float = number(
         0.35,
-        "1-sigma of what is known roughly, as a part of it: a derivative of a file, and the drag of its trim; and the "
-        "smallest resolved slope over a flow angle, as a part of a force's variation",
+        "1-sigma of what is known roughly, as a part of it: a derivative of a file, the drag of its trim, and the "
+        "point of its moments from the c.g. in lengths of pitching moments; and the smallest resolved slope over a "
+        "flow angle, as a part of a force's variation",
         "measured: thrust is within 0.16 of the drag in ten flights, files are worse",
     )
     usual: float = number(
@@ -57,7 +60,6 @@ class DataCriteria:
         10.0, "length of lateral moments where no aircraft file has one, and distance of a vane ahead", unit="m"
     )
     angle: float = number(0.05, "1-sigma of a mean angle by biases and upwash", unit="rad")
-    climb: float = number(20.0, "1-sigma of the change of the rate of climb in a record", unit="m/s")
     bias_rate: float = number(
         0.01, "1-sigma of what biases leave of a mean rate", "measured: 0.019 in a raw Twin Otter", unit="rad/s"
     )
@@ -67,51 +69,63 @@ class DataCriteria:
         "measured: 0.02 in a Twin Otter, 0.5 in a Tu-144",
         unit="s",
     )
-    sideslip_time: float = number(
-        5.0,
-        "time constant over which sideslip is integrated from the motion",
+    slow: float = number(
+        4.0,
+        "window of what gravity and drag change, and time constant over which sideslip is integrated from the motion",
         "chosen: longer than a Dutch roll, shorter than what biases need to add up to a sideslip",
         unit="s",
-    )
-    atmosphere: float = number(
-        0.08, "1-sigma of the logarithm of rho over the standard one", "derived: 25 K from the standard temperature"
     )
     outlier: float = number(
         0.05,
         "prior probability that one derivative of a coefficient is wrong by more than `rough`",
         "derived: one in five coefficients of four derivatives has one",
     )
-    outlying: float = number(3.0, "1-sigma of such a derivative, as a part of it")
+    outlying: float = number(
+        3.0,
+        "1-sigma of such a derivative and of one without a stated uncertainty, as a part of it; and ratio of tried and "
+        "predicted size of a nonlinear effect above which the prediction is not valid",
+    )
     balance: float = number(
         0.05,
         "1-sigma of the pitching moment coefficient that a file leaves in trim",
         "measured: 0.06 at most in 13 files whose values are 10 to 30 % off, and in those of real flights",
     )
-    point: float = number(
-        0.25,
-        "1-sigma of the point of a file's moments from the c.g., in lengths of pitching moments",
-        "derived: quarter chord and leading edge, nose and c.g. of usual files, are within two",
-    )
     level_bank: float = number(0.5, "bank up to which the climb angle is theta - alpha", unit="rad")
-    own_scale: float = number(1.25, "factor up to which a scale error or a stretched time is no question of units")
     smallest_deflection: float = number(
         0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"
     )
-    quick: float = number(0.5, "window of rates of rotation", unit="s")
-    slow: float = number(4.0, "window of what gravity and drag change", unit="s")
-    fewest: int = number(6, "samples of a window at least, of which as many are kept, and windows in a record")
-    present: float = number(0.5, "part of a window's samples that must be there")
-    least: float = number(0.1, "part of a coefficient's variation that a linear model leaves at least")
-    faults: int = number(8, "faults of one set of records at most")
-    impossible: float = number(
-        -60.0, "log likelihood of a level at least: beyond, it is impossible anyhow", signed=True
+    fewest: int = number(
+        6,
+        "samples of a window at least, of which as many are kept, and windows in a record",
     )
     steps: int = number(
         8,
-        "iterations at most to the least errors of a lift curve, and to a delay and a drift between channels",
+        "iterations at most to the least errors of a lift curve, and to a delay and a drift between channels; and "
+        "faults of one set of records",
         "measured: four and two settle them",
     )
-    telling: float = number(0.7, "what two sides of a relation have unlike, up to which it tells of time")
+
+    @property
+    def quick(self) -> float:
+        """Window [s] of rates of rotation."""
+        return self.slow / 8.0
+
+    @property
+    def resolved(self) -> float:
+        """Part of a window's samples that must be there, and of two sides of a relation that may be unlike where it
+        tells of time: what is not known roughly."""
+        return 1.0 - self.rough
+
+    @property
+    def impossible(self) -> float:
+        """Log likelihood of a level at least: odds of rounding are impossible anyhow."""
+        return math.log(np.finfo(float).eps)
+
+    @property
+    def own_scale(self) -> float:
+        """Factor up to which a scale error or a stretched time is no question of units: an error that is usual of what
+        is known roughly."""
+        return 1.0 + self.rough
 
     @property
     def alone(self) -> float:

@@ -108,7 +108,7 @@ class Weighing:
         the next is sought. Where an error of an instrument, which a diagnosis corrects, explains the records better,
         the next fault is sought beside it."""
         found: list[Weighed] = []
-        for _ in range(self._criteria.faults):
+        for _ in range(self._criteria.steps):
             gains = [self._gains(a) for a in self._outputs()]
             best = self._best(gains)
             if best is not None:
@@ -178,7 +178,7 @@ class Weighing:
             prior = by.fault
             if isinstance(meaning, MomentPoint):
                 kind = meaning.parameter
-                prior += float(scipy.stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
+                prior += float(scipy.stats.norm.logpdf(meaning.chords, scale=by.rough)) + math.log(POINTS_APART)
             gain = self._gain_of(meaning, self._aircraft, as_it_stands, reads)
             odds.setdefault(kind, []).append((gain + prior, meaning))
         each = [(float(np.logaddexp.reduce([o for o, _ in some])), some) for some in odds.values()]
@@ -327,7 +327,7 @@ class Weighing:
             seen = agreement(relation, read, self._gravity, self._criteria)
             if seen is None or seen.both <= 0.0:
                 continue
-            if 1.0 - seen.both**2 / (seen.left * seen.right) < self._criteria.telling:
+            if 1.0 - seen.both**2 / (seen.left * seen.right) < self._criteria.resolved:
                 factors.append(0.5 * float(np.log(seen.left / seen.right)))
         return factors
 

@@ -43,7 +43,7 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     theta = c.value("theta")
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
-    sigma = math.hypot(criteria.fair, criteria.climb / (g * c.duration))
+    sigma = math.hypot(criteria.fair, criteria.fair * criteria.usual_v / (g * c.duration))
     return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) if at.any() else 0.0
 
 
@@ -215,7 +215,7 @@ def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCr
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """Density of the standard troposphere at the recorded altitude."""
     height = min(max(_mean(c, "altitude"), -1000.0), 19000.0)
-    return _ratio(_mean(c, "rho"), float(standard_density(np.array(height))), criteria.atmosphere, criteria)
+    return _ratio(_mean(c, "rho"), float(standard_density(np.array(height))), criteria.fair, criteria)
 
 
 def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., float]:
@@ -264,7 +264,7 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     theta = c.value("theta")
     across = (c.value("ay") + g * np.sin(phi) * np.cos(theta)) / np.maximum(c.value("V"), 1.0)
     rate = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha) + across
-    decay = math.exp(-c.step / criteria.sideslip_time)
+    decay = math.exp(-c.step / criteria.slow)
     there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
     at = c.known("ay", "V", "phi", "theta", "alpha", *there)
     sideslip = np.asarray(scipy.signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))

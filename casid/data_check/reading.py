@@ -62,7 +62,7 @@ def smooth(record: Record, window: float, criteria: DataCriteria, density: float
         rates[name] = np.gradient(values[name], dt)
         own = max(dt, float(np.median(np.diff(record.t[good]))))  # of a slower channel
         nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * own
-        known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
+        known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.resolved
         known[name][: count // 2] = False
         known[name][len(t) - count // 2 :] = False
     every = slice(None, None, max(1, count // criteria.fewest))

@@ -58,7 +58,7 @@ def _density(read: Read, by: DataCriteria) -> Iterator[str]:
     rho = _mean(read, "rho")
     altitude = _mean(read, "altitude")
     expected = float(standard_density(np.array(min(max(altitude, -1000.0), 19000.0))))
-    if rho > 0.0 and abs(math.log(rho / expected)) > 3.0 * by.atmosphere:
+    if rho > 0.0 and abs(math.log(rho / expected)) > by.fair:
         yield f"rho is {rho:.3g} kg/m3 at {altitude:.0f} m, where air has about {expected:.3g}: is it of another place?"
 
 

@@ -315,7 +315,7 @@ class Response:
         total = self._along(records)
         if total is None:
             return 0.0
-        noise = float(np.sqrt(max(total.left, self._criteria.least**2 * total.yy / total.samples)))
+        noise = float(np.sqrt(max(total.left, self._criteria.fair**2 * total.yy / total.samples)))
         values = self._along_x()
         row = Row(
             names=tuple(name for name, *_ in values),
@@ -460,7 +460,7 @@ class Response:
         """1-sigma of what is left with free derivatives."""
         known = {c for one in parts for c in one}
         sums = {c: together(parts, c) for c in known}
-        return {c: float(np.sqrt(max(s.left, self._criteria.least**2 * s.yy / s.samples))) for c, s in sums.items()}
+        return {c: float(np.sqrt(max(s.left, self._criteria.fair**2 * s.yy / s.samples))) for c, s in sums.items()}
 
     def _off(self, parts: Parts, noise: Mapping[str, float]) -> float:
         """Sum of squares that the values of the file leave of a record, in units of the noise."""

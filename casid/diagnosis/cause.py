@@ -106,11 +106,11 @@ class Trace:
     --------
     >>> from casid.diagnosis.cause import Decision, Trace
     >>> from casid.diagnosis.comparisons import GAIN
-    >>> gate = GAIN.of(12.0, 40.0, "naming.gain")
+    >>> gate = GAIN.of(12.0, 31.4, "significance.search")
     >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
     >>> print(trace.of("mass"))
     mass: refused, round 1
-      FAILED  gain: 12 >= 40 [naming.gain]
+      FAILED  gain: 12 >= 31.4 [significance.search]
     """
 
     decisions: tuple[Decision, ...] = field(default=())

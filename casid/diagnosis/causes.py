@@ -368,7 +368,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
             )
         )
-    return sorted(found, key=lambda c: -c.statistic)[: evidence.criteria.numerics.naming.listed]
+    return sorted(found, key=lambda c: -c.statistic)[: evidence.criteria.numerics.naming.trials]
 
 
 def still_missing(
@@ -384,10 +384,10 @@ def still_missing(
     input, the part of turbulence that is misfit (`required`), and what the approximate shapes of the `causes` leave.
     Its size must matter; `share` is another share of the variation at its port than that from which a cause matters.
     """
-    by = evidence.criteria.naming
     least = 1.0 if share is None else share / evidence.criteria.size.share
-    rough = sum((by.approximate if one.onset_s else by.left_to_others) * one.statistic for one in causes)
-    enough = max(evidence.criteria.verdict.missing, required, rough)
+    by = evidence.criteria
+    rough = sum((by.naming.approximate if one.onset_s else by.structure.known) * one.statistic for one in causes)
+    enough = max(by.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
     left = [m for m in left if m.place.name not in evidence.fit.flight.unknown]

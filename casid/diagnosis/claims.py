@@ -60,7 +60,7 @@ def not_flown(facts: Facts) -> str:
     """Return why the simulation as given does not fly the held-out records; empty if it stays within the noise, or
     where this may have led the right values."""
     steps = facts.budget.together
-    limit = facts.criteria.refined
+    limit = facts.criteria.clearly
     if not math.isfinite(steps.as_given):
         return "it diverges"
     every = (steps, *facts.budget.channels.values())
@@ -78,7 +78,7 @@ def adequate(facts: Facts) -> bool:
 def grown(facts: Facts) -> str:
     """Return by how much the error on the held-out records grew; empty if it did not."""
     steps = facts.budget.together
-    limit = facts.criteria.worse
+    limit = facts.criteria.slightly
     if steps.structure <= limit * max(steps.data_mended, steps.floor):  # true of NaN
         return ""
     return f"the error on held-out records grew from {times(steps.data_mended)} to {times(steps.structure)} the noise"
@@ -89,9 +89,9 @@ def left_over(facts: Facts) -> str:
     steps = facts.budget.together
     if facts.unexplained:
         return facts.unexplained[0]
-    if steps.over("structure") <= facts.criteria.left:
+    if steps.over("structure") <= facts.criteria.twice:
         return ""
-    expected = f"; the right model would leave {times(steps.floor)}" if steps.floor > facts.criteria.worse else ""
+    expected = f"; the right model would leave {times(steps.floor)}" if steps.floor > facts.criteria.slightly else ""
     return f"{times(steps.structure)} the noise is left{expected}"
 
 
@@ -185,7 +185,7 @@ def records_that_differ(facts: Facts) -> Mapping[str, float]:
     if not left:
         return {}
     least = min(left.values())
-    return {name: value for name, value in left.items() if value > facts.criteria.left * max(least, 1.0)}
+    return {name: value for name, value in left.items() if value > facts.criteria.twice * max(least, 1.0)}
 
 
 def _worst(facts: Facts) -> str:

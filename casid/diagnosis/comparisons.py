@@ -26,8 +26,8 @@ class Gate:
     value, threshold
         The numbers that are compared.
     criterion
-        Name of the threshold in `Criteria`, as "naming.gain"; empty for a limit of the cause itself or a logical
-        condition.
+        Name of the threshold in `Criteria`, as "significance.search"; empty for a limit of the cause itself or a
+        logical condition.
     least
         Whether the value must be at least the threshold; otherwise at most.
     or_else

@@ -80,12 +80,12 @@ def diagnose_aircraft(
         believed = (*channels_of(as_recorded, "diagnose: as_recorded"), *made_worse)
         checked = check((*records, *hold_out), as_line, undo=believed, criteria=criteria.data)
         flown = _flown_as_given(aircraft, checked, len(records), criteria, axes, limit, stages)
-    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
+    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.trials):
         scope = flown.scope
         flight = flown.flight
         known = flown.known
         given = flown.given
-        report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
+        report(sentences.so_far(given, checked.findings, criteria.numerics.naming.trials))
         state = search(baseline_in_time(flight, known, stages.begin), stages.begin)
 
         def diagnosed(
@@ -129,9 +129,9 @@ def _flown_as_given(
     `fitted` are those that were given to be fitted."""
     stages.begin("reading the records")
     mended, recorded = (
-        split(both[:fitted], both[fitted:], criteria.held_out) for both in (checked.records, checked.recorded)
+        split(both[:fitted], both[fitted:], criteria.parts) for both in (checked.records, checked.recorded)
     )
-    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
+    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.trials):
         scope = scope_of(aircraft, mended, criteria, axes)
         known = attached_effects(scope.flight.aircraft, scope.flight.names)
         flight = replace(with_noise_level(scope.flight, known), limit=limit)

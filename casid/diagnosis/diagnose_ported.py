@@ -80,7 +80,7 @@ def diagnose_system(
     records = given_records(records, "diagnose", own)
     hold_out = given_records(hold_out, "diagnose: hold_out", own)
     findings, whole = check_readings([*records, *hold_out], model.outputs)
-    fit_on, held = split(whole[: len(records)], whole[len(records) :], criteria.held_out)
+    fit_on, held = split(whole[: len(records)], whole[len(records) :], criteria.parts)
     _check_measured(model, held)
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
@@ -90,7 +90,7 @@ def diagnose_system(
     refitted = first_fit(subject)
     stages.begin("simulation as given")
     given = fly_system_as_given(subject, held, lambda names: (), refitted.derivatives)
-    report(sentences.so_far(given, findings, criteria.numerics.naming.listed))
+    report(sentences.so_far(given, findings, criteria.numerics.naming.trials))
 
     def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
         base = replace(of.base, nominal={**of.base.nominal, **{name: kept.fit[name] for name in subject.freed}})
@@ -130,7 +130,7 @@ def diagnose_rotorcraft(
     step = 1.0 / criteria.rotors.rate
     steep = [left for record in (*records, *hold_out) for left in before_vertical(record, step)[1]]
     records, hold_out = ([before_vertical(one, step)[0] for one in both] for both in (records, hold_out))
-    fit_on, held = split(records, hold_out, criteria.held_out)
+    fit_on, held = split(records, hold_out, criteria.parts)
     flight, base = rotorcraft(aircraft, fit_on, criteria)
     flight = replace(flight, limit=limit)
     _check_measured(base, held)
@@ -138,7 +138,7 @@ def diagnose_rotorcraft(
     flight, refitted = in_its_colour(flight, rotorcraft_fit(flight))
     stages.begin("simulation as given")
     given = fly_system_as_given(flight, held, partial(known_effects, flight), refitted.derivatives)
-    report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
+    report(sentences.so_far(given, checked.findings, criteria.numerics.naming.trials))
 
     def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], _: object) -> DiagnosedAircraft:
         return DiagnosedAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))

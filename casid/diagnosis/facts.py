@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import GivenCriteria
+from casid.diagnosis.criteria import PartCriteria
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
@@ -83,7 +83,7 @@ class Facts:
     source: str
     witness: str
     budget: Budget  # errors on the held-out records, and by record
-    criteria: GivenCriteria = GivenCriteria()  # thresholds of the simulation as given
+    criteria: PartCriteria = PartCriteria()  # thresholds of the simulation as given
     # at_fault, corrected: faults of the data that could not be corrected, and corrections
     at_fault: tuple[Finding, ...] = ()
     corrected: tuple[Finding, ...] = ()
@@ -148,7 +148,7 @@ def _effect(fit: FlightFit, slot: int, change: float) -> dict[str, float]:
 
 
 def determined_pairs(
-    fit: FlightFit, changed: Sequence[ChangedValue], given: Mapping[str, float], criteria: GivenCriteria
+    fit: FlightFit, changed: Sequence[ChangedValue], given: Mapping[str, float], criteria: PartCriteria
 ) -> tuple[Combination, ...]:
     """Combinations of two values that the records determine, where they determine neither of the two.
 
@@ -175,7 +175,7 @@ def determined_pairs(
         if key not in found and variance < unsure:
             both = np.array([stated[one.parameter], stated[name]])
             std = math.sqrt(variance)
-            found[key] = _combined(one, (name, given[name], fit[name]), along, both, std, criteria.worse)
+            found[key] = _combined(one, (name, given[name], fit[name]), along, both, std, criteria.slightly)
     return tuple(found.values())
 
 

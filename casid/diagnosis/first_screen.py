@@ -90,7 +90,7 @@ def _verdict(document: Document) -> str:
         count = len(document.causes)
         named = "the cause" if count == 1 else f"the {count} causes"
         rest = "" if document.verdict == "explained" else ", so that more is missing"
-        if steps.structure > document.criteria.given.refined * max(steps.values, steps.floor):
+        if steps.structure > document.criteria.parts.clearly * max(steps.values, steps.floor):
             return f"{off}; re-estimated values alone leave {times(steps.values)}, with {named} below {left}{rest}."
         return f"{off}; with {named} below and re-estimated values, {left} is left{rest}."
     if document.verdict == "values wrong":

@@ -38,14 +38,14 @@ def required_gain(effect: Effect, criteria: Criteria) -> float:
     """
     if effect.size.stated:
         return criteria.significance.sigmas**2
-    return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
+    return criteria.significance.search
 
 
 def _name_of_required(effect: Effect) -> str:
     """Name of the criterion of `required_gain`."""
     if effect.size.stated:
         return "significance.chance"
-    return "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
+    return "significance.search"
 
 
 def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:
@@ -69,7 +69,7 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
     prices = {
         _name_of_required(effect): required_gain(effect, criteria),
         "naming.approximate": required,
-        "naming.left_to_others": criteria.naming.left_to_others * left_by_others,
+        "structure.known": criteria.structure.known * left_by_others,
     }
     highest = max(prices, key=lambda name: prices[name])
     return ask.GAIN.of(decisive, prices[highest], highest)
@@ -155,4 +155,4 @@ def still_missing(before: float, left: float, criteria: Criteria, where: str = "
 
 def no_more_than_noise(left: float, criteria: Criteria) -> Gate:
     """Ask that the statistic of a latent input is no more than that of noise."""
-    return ask.MISSING_GAIN.of(left, criteria.verdict.missing, "verdict.missing")
+    return ask.MISSING_GAIN.of(left, criteria.missing, "parts.third")

@@ -62,7 +62,7 @@ def what_is_left(
 def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
     """Readings at which a drift is missing that matters as a bias of its size would."""
     by = fitted.criteria
-    drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.verdict.missing]
+    drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.missing]
     return {m.place.name for m in drifts if missing_size(fitted, m) > 1.0}
 
 
@@ -73,7 +73,7 @@ def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[Missi
     for m in left:
         known = m.place.name in kept.fit.flight.unknown
         asked = (
-            ask.INPUT_GAIN.of(m.gain, kept.evidence.criteria.verdict.missing, "verdict.missing"),
+            ask.INPUT_GAIN.of(m.gain, kept.evidence.criteria.missing, "parts.third"),
             ask.MATTERS.of(missing_size(kept.fit, m), 1.0, "size.share"),
             ask.LEFT.of(m.station in told, 1.0),
             *((ask.RECORDED.failed(),) if known else ()),
@@ -162,8 +162,8 @@ def _last_tests(
 
     Where nothing is named, a cause too small to matter is, if values alone do not account for the error: `steps`."""
     causes, minor = causes_of(state, kept, left)
-    refined = state.criteria.given.refined
-    alone = ask.VALUES_ALONE.of(steps.values / max(steps.structure, steps.floor), refined, "given.refined")
+    refined = state.criteria.parts.clearly
+    alone = ask.VALUES_ALONE.of(steps.values / max(steps.structure, steps.floor), refined, "parts.half")
     if not causes and alone.passed:
         causes, minor = causes_of(state, kept, left, (alone,))
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))

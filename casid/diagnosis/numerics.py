@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from casid.criterion import number
@@ -16,16 +17,16 @@ Extent = Literal["settled", "rough"]  # of a fit
 class FitNumerics:
     """Gauss-Newton fit of a hypothesis."""
 
-    squares: float = number(1.01, "ratio of sums of squares within which such a step counts")
     repeats: int = number(
         8,
-        "largest number of fits that follow one another until turbulence, noise, colour or outliers stay; of "
-        "smoothings of the motion of a system; and of moves of an onset",
+        "largest number of rounds of the search, of instruments that are corrected one after the other, of fits that "
+        "follow one another until turbulence, noise, colour or outliers stay, of smoothings of the motion of a system, "
+        "and of moves of an onset",
     )
-    noise_stays: float = number(
+    stays: float = number(
         0.03,
         "relative change of the noise that ends fits in which it is estimated, and its first value over the variation "
-        "of a channel",
+        "of a channel; and of the sum of squares by which a step that counts may raise it",
     )
     settled: tuple[float, ...] = number(
         (20.0, 0.5),
@@ -36,27 +37,6 @@ class FitNumerics:
         "the same while a cause is tried, without aerodynamics, in moving air, and for onsets; and the decrease of the "
         "deviance below which a round of a search for sizes of noise is the last one",
     )
-    whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LevelNumerics:
-    """Search for sizes of noise with the model."""
-
-    factors: tuple[float, ...] = number((4.0, 2.0, 1.4), "steps by which sizes are sought; in turbulence the last one")
-    sweeps: int = number(4, "largest number of rounds with each step")
-
-
-@dataclass(frozen=True, kw_only=True)
-class TurbulenceNumerics:
-    """Search for strength and scale of turbulence."""
-
-    velocities: tuple[float, ...] = number(
-        (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), "r.m.s. velocities that are tried", unit="m/s"
-    )
-    length_ratio: float = number(2.5, "ratio of the scale lengths that are tried")
-    beyond: float = number(1.5, "largest distance of the peak of a parabola from the middle of its grid, in steps")
-    rolling: tuple[float, ...] = number((0.3, 1.0, 3.0), "factors of the air's roll rate in MIL-F-8785C that are tried")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,20 +44,25 @@ class MissingInputNumerics:
     """Latent input at a port: nodes of its time history, and the sizes that are tried."""
 
     times: tuple[float, ...] = number(
-        (0.4, 1.5, 6.0),
-        "correlation times of a force or of moving air that are tried; its nodes are as far apart as the shortest",
+        (0.4, 1.5, 6.0, 20.0),
+        "correlation times that are tried: the first three of a force or of moving air, whose nodes are as far apart "
+        "as the shortest, the last two of a drifting reading",
         unit="s",
-    )
-    drift_spacing: float = number(2.0, "time between nodes of a drifting reading", unit="s")
-    drift_times: tuple[float, ...] = number(
-        (6.0, 20.0), "correlation times of a drifting reading that are tried", unit="s"
     )
     most_nodes: int = number(500, "largest number of nodes of all records; longer records have wider spacing")
     sizes: tuple[float, ...] = number(
         (1e-3, 1e6), "smallest and largest variance that are tried, in units of the best-determined direction"
     )
-    variances: int = number(46, "number of variances that are tried, in equal logarithmic steps")
-    highest_frequency: float = number(0.4, "highest frequency of an oscillation, over the sampling rate")
+
+    @property
+    def quick(self) -> tuple[float, ...]:
+        """Correlation times [s] of a force or of moving air."""
+        return self.times[:3]
+
+    @property
+    def slow(self) -> tuple[float, ...]:
+        """Correlation times [s] of a drifting reading."""
+        return self.times[2:]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +75,6 @@ class EventNumerics:
         "permanent effect, and a measured state shows its initial value; and half width of the fine part of a profile",
         unit="s",
     )
-    fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
-    fine: float = number(0.1, "time between points of a profile near its peak; onsets stay within half of it", unit="s")
     slow_polynomials: int = number(4, "Legendre polynomials of time that represent a slow change")
 
     @property
@@ -101,6 +84,11 @@ class EventNumerics:
         at_zero = legvander([0.0], self.slow_polynomials)[0]
         odd = range(1, self.slow_polynomials, 2)
         return 0.5 + 0.5 * sum(float(at_zero[k - 1] - at_zero[k + 1]) ** 2 / (2 * k + 1) for k in odd)
+
+    @property
+    def fine(self) -> float:
+        """Time [s] between points of a profile near its peak; onsets stay within half of it."""
+        return self.step / 10.0
 
     @property
     def coarse(self) -> float:
@@ -122,20 +110,20 @@ class EventNumerics:
 class NamingNumerics:
     """Number and kind of the causes that are fitted in each round."""
 
-    rounds: int = number(6, "largest number of rounds")
     trials: int = number(
         4,
-        "candidates of the first ranking that are fitted, terms of one coefficient if they predict the same, and "
-        "records from which sets of records are grown",
+        "candidates of the first ranking that are fitted, terms of one coefficient if they predict the same, records "
+        "from which sets of records are grown, findings of a kind, or small terms, that a verdict lists one by one, "
+        "and rounds with each step of a search for sizes of noise",
     )
     few: int = number(
         2,
         "rounds in turn that may name nothing, or be refused until the named causes together explain what is missing; "
         "trials that are fitted at a time, of which later ones are abandoned if they fall behind; alternatives of a "
-        "named cause that are fitted again; and moves of an onset while a cause is tried, and in held-out records",
+        "named cause that are fitted again; moves of an onset while a cause is tried, and in held-out records; and "
+        "factor of the causes that are fitted to a system, whose fits are quick, and of the iterations of each",
     )
-    ranking: int = number(40, "candidates that the result keeps")
-    listed: int = number(3, "findings of a kind, or small terms, that a verdict lists one by one")
+    ranking: int = number(40, "candidates, and combinations of causes, that the result keeps")
 
     @property
     def further_trials(self) -> int:
@@ -145,44 +133,27 @@ class NamingNumerics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SystemNumerics:
-    """The search in a system that is no aircraft, whose fits are quick."""
-
-    wider: int = number(2, "factor of the causes that are fitted, and of the iterations of each fit")
-
-
-@dataclass(frozen=True, kw_only=True)
-class StructureNumerics:
-    """Terms that the model lacks."""
-
-    rounding: float = number(
-        1e-6, "variation of an angle [rad], or of a term over its size, below which it is constant or equals others"
-    )
-    ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProbabilityNumerics:
-    """Probabilities that are reported."""
-
-    reported: int = number(8, "combinations of causes that are reported")
-    least: float = number(1e-4, "smallest probability of a cause that is reported")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Numerics:
     """Resolution and extent of every search."""
 
     samples_per_cycle: float = number(
         25.0,
-        "samples per cycle of the highest frequency of the motion that records are averaged to",
+        "samples per cycle of the highest frequency of the motion that records are averaged to, lags of the Ljung-Box "
+        "statistic, and readings of airspeed from which a check of compatibility reconstructs the motion",
         "measured: a lag of 0.12 s keeps 96 % of its statistic with 36 samples, 85 % with 24 (docs/diagnosis.md)",
     )
+    record: float = number(
+        26.0,
+        "length of a record for which all numbers in seconds are meant; those of a system are longer or shorter with "
+        "its records, and onsets are farther apart in longer ones",
+        "measured: the records of aircraft by which these were set",
+    )
     fit: FitNumerics = FitNumerics()
-    levels: LevelNumerics = LevelNumerics()
-    turbulence: TurbulenceNumerics = TurbulenceNumerics()
     missing_input: MissingInputNumerics = MissingInputNumerics()
     events: EventNumerics = EventNumerics()
     naming: NamingNumerics = NamingNumerics()
-    structure: StructureNumerics = StructureNumerics()
-    systems: SystemNumerics = SystemNumerics()
+
+    @property
+    def rounding(self) -> float:
+        """Variation of an angle [rad], or of a term over its size, below which it is constant or equals others."""
+        return float(np.sqrt(np.finfo(float).eps))

@@ -275,7 +275,7 @@ class Diagnosis:
         """Curves of unexplained latent inputs at coefficients, if the held-out records support them; they are not
         causes.
         """
-        return shapes_of(self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.worse)
+        return shapes_of(self.extended.fit, self.held_out_extended.fit, self.unexplained)
 
     @property
     def untold(self) -> tuple[Untold, ...]:
@@ -304,7 +304,7 @@ class Diagnosis:
             Whether it has the curves of figures and the design of next flights, which take some seconds.
         """
         failed = list[str]()
-        most = self.criteria.numerics.naming.listed
+        most = self.criteria.numerics.naming.trials
         aircraft = self.aircraft if self.is_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}

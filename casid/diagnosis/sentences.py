@@ -171,7 +171,7 @@ def accounted(facts: Facts, account: Sequence[AccountStep]) -> str:
         f" {_STEPS[one.step].capitalize()} makes it worse: {times(one.before)} the noise before, "
         f"{times(one.grown_to)} after."
         for one in account
-        if one.grown_to is not None and one.grown_to > facts.criteria.worse * one.before
+        if one.grown_to is not None and one.grown_to > facts.criteria.slightly * one.before
     ]
     left = f"{times(facts.budget.together.structure)} the noise is left"
     told = f"Of that error: {', '.join(parts)}; {left}." if parts else f"With the best model {left}."
@@ -228,7 +228,7 @@ def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str
         differing(facts),
         cost(facts) if facts.causes else "",
         f"The {facts.source} as given is kept: {claims.grown(facts)}." if claims.grown(facts) else "",
-        losses(facts.budget, facts.criteria.worse),
+        losses(facts.budget, facts.criteria.slightly),
         left_open(facts.not_judged, facts.listed),
     ]
     return " ".join(part for part in parts if part)
@@ -315,7 +315,7 @@ def cost(facts: Facts) -> str:
     alone; otherwise empty.
     """
     steps = facts.budget.together
-    if steps.structure <= facts.criteria.refined * max(steps.values, steps.floor):
+    if steps.structure <= facts.criteria.clearly * max(steps.values, steps.floor):
         return ""
     return (
         f"Something else is missing: with the causes added, the error of a simulation of "
@@ -328,7 +328,7 @@ def failure(facts: Facts) -> str:
     empty.
     """
     steps = facts.budget.together
-    if steps.structure <= facts.criteria.fails * max(steps.as_given, steps.floor):
+    if steps.structure <= facts.criteria.tenfold * max(steps.as_given, steps.floor):
         return ""
     ratio = steps.structure / steps.as_given
     worse = f"{ratio:.2g}" if math.isfinite(ratio) else "infinitely many"

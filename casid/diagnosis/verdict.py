@@ -114,13 +114,13 @@ def facts_of(
     fit = found.extended.fit
     given = found.diagnosed.values
     criteria = found.criteria
-    changed = changed_values(fit, given, found.flight, criteria.prior.unstated)
+    changed = changed_values(fit, given, found.flight, criteria.parts.tenth)
     facts = Facts(
         source=found.diagnosed.source,
         witness=found.diagnosed.witness,
         budget=found.budget,
-        criteria=criteria.given,
-        listed=criteria.numerics.naming.listed,
+        criteria=criteria.parts,
+        listed=criteria.numerics.naming.trials,
         at_fault=tuple(one for one in data if one.puts_in_doubt and not _is_told_by(one, causes)),
         corrected=tuple(one for one in data if one.handled != "reported"),
         impossible=tuple(map(impossible, doubts)),
@@ -129,7 +129,7 @@ def facts_of(
         contradicted=tuple(one for one in against if one.parameter not in single),
         factors=factors,
         changed=changed,
-        combinations=determined_pairs(fit, changed, given, criteria.given),
+        combinations=determined_pairs(fit, changed, given, criteria.parts),
         not_judged=(*found.not_tried, *not_judged),
         turbulent=found.turbulence.records if found.turbulence.named else (),
     )
@@ -185,7 +185,7 @@ def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: C
 
 def of_air(one: Following, criteria: Criteria) -> Decision:
     """The decision on what was taken for moving air and follows an input: it is named if that is no chance."""
-    gate = ask.FOLLOWS_INPUTS.of(one.statistic, criteria.verdict.missing, "verdict.missing")
+    gate = ask.FOLLOWS_INPUTS.of(one.statistic, criteria.missing, "parts.third")
     name = f"follows({one.input}:{one.output})"
     outcome = NAMED if gate.passed else REFUSED
     return Decision(cause=name, round=0, outcome=outcome, gates=(gate,))

@@ -21,7 +21,6 @@ import numpy as np
 
 from casid.arguments import given, table_of, whole
 from casid.arguments import names as names_of
-from casid.criterion import number
 from casid.errors import InputError, check_known
 from casid.model.causes.controls import (
     actuator_lag,
@@ -42,25 +41,7 @@ from casid.model.port import ModelPort as Port
 from casid.model.system import Model, variables
 from casid.records.record import Record, filled
 
-
-@dataclass(frozen=True, kw_only=True)
-class SystemCriteria:
-    """Which causes of a system are tried, and how widely."""
-
-    record: float = number(
-        26.0,
-        "length of a record for which all numbers in seconds are meant; those of a system are longer or shorter with "
-        "its records",
-        "measured: the records of aircraft by which these were set",
-    )
-    seen: float = number(0.01, "r.m.s. change by an operator, of the variation, from which its size is tried")
-    whole: float = number(1.2, "the same, beyond which nothing of the signal is left")
-    wholly: float = number(
-        0.5, "part of the motion of a reading within which one that is stuck has lost all of it", "derived: half"
-    )
-    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range or rate")
-
-
+_WHOLE = math.sqrt(2.0)  # change of a series, of its variation, that leaves nothing of it: the two are independent
 KINDS_OF_SYSTEMS = tuple(kind.kind for kind in KINDS.values() if kind.of_systems)
 
 
@@ -149,7 +130,7 @@ class Friction:
     creep: float  # speed about which it reverses
 
 
-def frictions_of(model: Model, paths: Mapping[str, np.ndarray], criteria: SystemCriteria) -> dict[str, Friction]:
+def frictions_of(model: Model, paths: Mapping[str, np.ndarray], least: float) -> dict[str, Friction]:
     """State -> dry friction, of those that change their sign along motions, record -> (N, states).
 
     It reverses over what the state changes in half a sample, in which no motion shows more, and steps of integration
@@ -158,7 +139,7 @@ def frictions_of(model: Model, paths: Mapping[str, np.ndarray], criteria: System
     found = {}
     for i, state in enumerate(model.states if paths else ()):
         creep = 0.5 * float(np.sqrt(np.mean(np.concatenate([np.diff(X[:, i]) for X in paths.values()]) ** 2)))
-        if creep > 0.0 and np.std(np.tanh(np.concatenate([X[:, i] for X in paths.values()]) / creep)) > criteria.seen:
+        if creep > 0.0 and np.std(np.tanh(np.concatenate([X[:, i] for X in paths.values()]) / creep)) > least:
             term = -ca.tanh(model.x[i] / creep)
             found[state] = Friction(name=f"friction of {state}", term=term, creep=creep)
     return found
@@ -171,7 +152,7 @@ def effects_of(
     records: Sequence[Record],
     free: Sequence[str],
     frictions: Mapping[str, Friction],
-    criteria: SystemCriteria,
+    least: float,
 ) -> list[Effect]:
     """List all causes of a library for this model: at its ports, and for its `free` parameters."""
     found: list[Effect] = []
@@ -180,9 +161,9 @@ def effects_of(
     scaled = _scaled_by_parameters(model, {k: v for k, v in every.items() if k not in library.regressors}, free)
     for port in ports:
         if port.kind == "input":
-            found += _of_input(port, records, criteria)
+            found += _of_input(port, records, least)
         elif port.kind == "output":
-            found += _of_output(port, records, criteria)
+            found += _of_output(port, records, least)
         else:
             terms = [name for name in every if (port.name, name) not in scaled]
             found += [_term(port, name, name in last) for name in terms]
@@ -243,7 +224,7 @@ def _tried(effect: Effect, port: Port, sizes: Sequence[Mapping[str, float]], uni
     return replace(_with_unit(effect, unit), further=further, enters=port.station, kinematic=False)
 
 
-def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+def _of_input(port: Port, records: Sequence[Record], least: float) -> Iterator[Effect]:
     """Causes between a recorded input and the acting input."""
     name = port.name
     series = [record[name] for record in records]
@@ -255,7 +236,8 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
     fastest = max(np.max(np.abs(np.diff(record[name]) / np.diff(record.t))) for record in records)
     per_second = f"{port.unit}/s" if port.unit else ""
     swings = second_order_actuator(name)
-    cuts = [share * (high - low) for share in criteria.cuts]
+    shares = 0.5 ** np.arange(1, 1 + math.ceil(-math.log2(least)))  # until a cut changes nothing
+    cuts = (shares * (high - low)).tolist()
     through_zero = cuts if low <= 0.0 <= high else []
     rows: list[tuple[Effect, list[dict[str, float]], str]] = [
         (input_delay(name), [{"value": step} for step in steps], "s"),
@@ -264,7 +246,7 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
         (input_limit(name, "below"), [{"value": float(low + cut)} for cut in cuts], port.unit),
         (dead_zone(name), [{"value": cut, "about": 0.0} for cut in through_zero], port.unit),
         (backlash(name), [{"value": 0.5 * cut, "rest": 0.0} for cut in cuts], port.unit),
-        (rate_limit(name), [{"value": share * fastest} for share in criteria.cuts], per_second),
+        (rate_limit(name), [{"value": limit} for limit in (shares * fastest).tolist()], per_second),
         (swings, [{"value": step, **swings.further.defaults} for step in steps], "s"),
     ]
     variation = _variation(series)
@@ -274,7 +256,7 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
         assert effect.series is not None
         made = effect.series
         seen = [
-            one for one in sizes if _is_seen([_only(made(r.t, known_of(r), one)) for r in records], variation, criteria)
+            one for one in sizes if _is_seen([_only(made(r.t, known_of(r), one)) for r in records], variation, least)
         ]
         if seen:
             yield _tried(effect, port, seen, unit)
@@ -285,7 +267,7 @@ def _only(series: Mapping[str, np.ndarray]) -> np.ndarray:
     return one
 
 
-def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+def _of_output(port: Port, records: Sequence[Record], least: float) -> Iterator[Effect]:
     """Causes in the instrument of a reading."""
     name = port.name
     having = [record for record in records if name in record and np.isfinite(record[name]).any()]
@@ -302,12 +284,12 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
         seen = []
         for size in _doubling(records):
             changes = [read(r.t, {name: y}, {"value": size})[name] - y for r, y in zip(having, whole, strict=True)]
-            if _is_seen(changes, variation, criteria):
+            if _is_seen(changes, variation, least):
                 seen.append({"value": size})
         if seen:
             yield _tried(effect, port, seen, "s")
     stuck = _tried(sensor_stuck(name), port, ({},), port.unit)
-    yield replace(stuck, size=Size(lowest=1.0 - criteria.wholly, limit=1.0 + criteria.wholly))
+    yield replace(stuck, size=Size(lowest=0.5, limit=1.5))  # of its motion, of which nothing is left
 
 
 def _term(port: Port, name: str, last: bool) -> Effect:
@@ -321,10 +303,10 @@ def _friction(port: Port, friction: Friction) -> Effect:
     return replace(effect, regressor=friction.name)
 
 
-def _is_seen(changes: Sequence[np.ndarray], variation: float, criteria: SystemCriteria) -> bool:
+def _is_seen(changes: Sequence[np.ndarray], variation: float, least: float) -> bool:
     """Return True for a change of a series that shows, and that leaves something of it."""
     share = float(np.sqrt(np.mean(np.concatenate(changes) ** 2))) / variation
-    return criteria.seen < share < criteria.whole
+    return least < share < _WHOLE
 
 
 def _variation(series: Sequence[np.ndarray]) -> float:

@@ -43,7 +43,7 @@ def derivatives(document: Document) -> Picture | None:
     if not order:
         return None
     states = document.aircraft.relative_uncertainty if document.aircraft and document.coefficients else 0.0
-    stated = 100.0 * (states or document.criteria.prior.unstated)
+    stated = 100.0 * (states or document.criteria.parts.tenth)
     of = document.source
     witness = document.witness
     parts: list[Part] = [

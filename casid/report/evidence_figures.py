@@ -28,11 +28,11 @@ def ladder(document: Document) -> Picture | None:
     if not rows:
         return None
     several = len({one.round for one in rows}) > 1
-    asked = document.criteria.naming
+    asked = document.criteria.significance.search
     bars = [Bar(look=_look(one), at=y, low=1.0, high=max(one.statistic, 1.0)) for y, one in enumerate(rows)]
     held_out = {y: gain for y, one in enumerate(rows) if one.named and (gain := _held_out(document, one)) > 0.0}
     dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
-    least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked.gain)
+    least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked)
     most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
     parts = (*bars, *([dots] if held_out else []), least)
     x = Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most)
@@ -44,9 +44,8 @@ def ladder(document: Document) -> Picture | None:
         figure=in_rows(parts, x, names, 0.34),
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
-            f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
-            f"than its free numbers bring by chance, a fault of an instrument {asked.gain_of_an_instrument:.0f}. What "
-            "small further terms could explain as well does not count. "
+            f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked:.0f} more than "
+            "its free numbers bring by chance. What small further terms could explain as well does not count. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is "

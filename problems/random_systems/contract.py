@@ -127,7 +127,7 @@ def _probabilities(found: Diagnosis) -> Iterator[str]:
     if much and any(p > 0.9 + _ROUNDING for p in stated):
         yield f"a probability of {max(stated):.3g} beside {steps.structure:.3g} times the noise"
     by = found.criteria
-    least = by.priors.tempered(by.priors.named) * (by.given.doubtful if much else 1.0)
+    least = by.priors.tempered(by.priors.named) * (by.parts.doubtful if much else 1.0)
     for one in found.causes:
         if one.probability is not None and one.probability < by.priors.holds * least:
             yield f"{one.name} is named with a probability of {one.probability:.3g}"

@@ -67,7 +67,7 @@ class Seen:
     ) -> None:
         self.aircraft, self.samples, self.criteria = aircraft, len(given[0]), criteria
         self.axes, self.as_recorded = choices["axes"], choices["as_recorded"]
-        fitted, held = split(given, hold_out, criteria.held_out)
+        fitted, held = split(given, hold_out, criteria.parts)
         self.fitted, self.held = [r.name for r in fitted], [r.name for r in held]
         raise KeyboardInterrupt
 
@@ -160,12 +160,12 @@ def test_quick_thins_the_records(run: Callable, tmp_path: Path) -> None:
 
 def test_criteria_come_from_a_file(run: Callable, tmp_path: Path) -> None:
     file, seen = tmp_path / "my.toml", Seen()
-    file.write_text("[held_out]\nfitted_part = 0.5\n", encoding="utf-8")
+    file.write_text("[parts]\nthird = 0.5\n", encoding="utf-8")
     run("--out", tmp_path / "out", "--criteria", file, instead=seen)
-    assert seen.criteria == Criteria().with_values({"held_out": {"fitted_part": 0.5}})
-    file.write_text("[heldout]\nfitted_part = 0.5\n", encoding="utf-8")
+    assert seen.criteria == Criteria().with_values({"parts": {"third": 0.5}})
+    file.write_text("[part]\nthird = 0.5\n", encoding="utf-8")
     status, error = run("--out", tmp_path / "out", "--criteria", file)
-    assert status == 2 and "did you mean 'held_out.fitted_part'" in error and error.count("\n") == 1
+    assert status == 2 and "did you mean 'parts.third'" in error and error.count("\n") == 1
 
 
 def test_thinning_keeps_every_nth_sample() -> None:

@@ -103,7 +103,7 @@ def drawn_round(rng: np.random.Generator) -> Round:
     trials = []
     for one in forms:
         gain, share = float(rng.uniform(10.0, 900.0)), float(rng.uniform(0.5, 9.0))
-        enough = at_least("gain", gain, 40.0, "naming.gain")
+        enough = at_least("gain", gain, 40.0, "significance.search")
         trials.append(
             replace(trial_of(one, gain, fingerprint=rng.uniform(0.5, 1.0, 2).tolist(), share=share), enough=enough)
         )

@@ -25,24 +25,28 @@ def test_every_number_says_what_it_means_and_what_it_rests_on() -> None:
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "my.toml"
-    path.write_text("[naming]\ngain = 60\n[structure]\nscales = [1, 3, 9]\n[numerics.naming]\nrounds = 2\n")
+    path.write_text("[significance]\nsearch = 60\n[structure]\nscales = [1, 3, 9]\n[numerics.naming]\nranking = 2\n")
     read = Criteria.read(path)
-    assert read.changes == {"structure.scales": (1.0, 3.0, 9.0), "naming.gain": 60.0, "numerics.naming.rounds": 2}
-    assert replace(read, naming=Criteria().naming, structure=Criteria().structure, numerics=Criteria().numerics) == (
-        Criteria()
-    )
+    assert read.changes == {
+        "structure.scales": (1.0, 3.0, 9.0),
+        "significance.search": 60.0,
+        "numerics.naming.ranking": 2,
+    }
+    assert replace(
+        read, significance=Criteria().significance, structure=Criteria().structure, numerics=Criteria().numerics
+    ) == (Criteria())
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[naming]\ngian = 60", "did you mean 'naming.gain'"),
-        ("[nameing]\ngain = 60", "did you mean 'naming.gain'"),
-        ("naming = 60", "expected e.g. naming.gain"),
-        ("[naming]\ngain = '60'", "'naming.gain' is '60'; expected a number above 0"),
-        ("[naming]\ngain = -1", "'naming.gain' is -1; expected a number above 0"),
-        ("[naming]\ngain = nan", "expected a number above 0"),
-        ("[numerics.naming]\nrounds = 2.5", "expected a whole number above 0"),
+        ("[significance]\nserach = 60", "did you mean 'significance.search'"),
+        ("[signifcance]\nsearch = 60", "did you mean 'significance.search'"),
+        ("significance = 60", "expected e.g. significance.chance"),
+        ("[significance]\nsearch = '60'", "'significance.search' is '60'; expected a number above 0"),
+        ("[significance]\nsearch = -1", "'significance.search' is -1; expected a number above 0"),
+        ("[significance]\nsearch = nan", "expected a number above 0"),
+        ("[numerics.naming]\nranking = 2.5", "expected a whole number above 0"),
         ("[structure]\nscales = [1, 2]", "3 numbers, got [1, 2]"),
         ("[naming", "not valid TOML"),
     ],
@@ -67,7 +71,7 @@ def test_who_asks_for_more_names_less() -> None:
     found = diagnose(do328(), records)
     (named,) = found.causes
     assert (named.kind, named.target) == ("sensor_bias", "beta")
-    strict = Criteria().with_values({"naming": {"gain_of_an_instrument": 2.0 * named.statistic}})
+    strict = Criteria().with_values({"significance": {"search": 2.0 * named.statistic}})
     refused = diagnose(do328(), records, criteria=strict)
     assert not refused.causes and refused.verdict != "explained"
     assert refused.criteria == strict and refused.rounds[0].leader.effect.kind == "sensor_bias"

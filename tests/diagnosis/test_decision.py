@@ -34,7 +34,10 @@ def test_one_alternative_suffices() -> None:
 
 
 def _decisions() -> tuple[Decision, ...]:
-    enough, little = at_least("gain", 50.0, 40.0, "naming.gain"), at_least("gain", 4.0, 40.0, "naming.gain")
+    enough, little = (
+        at_least("gain", 50.0, 40.0, "significance.search"),
+        at_least("gain", 4.0, 40.0, "significance.search"),
+    )
     return (
         Decision(cause="actuator_lag(delta_e)", round=1, outcome="named", gates=(enough,), against=("mass",)),
         Decision(cause="input_delay(delta_e)", round=1, outcome="refused", gates=(enough, little)),

@@ -137,7 +137,7 @@ def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> Non
 
 def test_what_is_nearly_clear_is_worth_a_look_and_no_cause() -> None:
     """A scale error of five sigma: less than a name asks for, more than chance makes of 700 causes in clean data."""
-    hidden = Attached(effect=sensor_scale("beta"), values={"value": 0.02})
+    hidden = Attached(effect=sensor_scale("beta"), values={"value": 0.022})
     found = diagnose(
         rough_file(), flights([hidden], seed=5, noise={name: 1.5 * sigma for name, sigma in NOISE.items()})
     )

@@ -50,7 +50,7 @@ def test_a_drift_matters_from_the_size_of_a_bias_that_matters(channel: str) -> N
         slow = as_slow_as_left(fitted, told)
         left[part] = max((m.gain for m in drifts(weigh(slow)) if m.place.name == channel), default=0.0)
         assert all(np.isinf(tau) or tau < 6.0 for _, tau in slow.noise.slow.get(channel, ()) if channel in told)
-    assert left[3.0] > fitted.criteria.verdict.missing > left[0.1]
+    assert left[3.0] > fitted.criteria.missing > left[0.1]
 
 
 def test_ports_and_data_have_their_trace() -> None:

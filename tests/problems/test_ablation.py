@@ -71,9 +71,9 @@ def test_a_gate_is_pivotal_that_failed_alone():
 
 
 def test_moved_numbers_are_those_without_a_gate_and_the_inverse_factor_moves_them_back():
-    one, other = (tomllib.loads(moved({"naming.gain"}, factor, seed=1)) for factor in (1.25, 0.8))
+    one, other = (tomllib.loads(moved({"naming.alike_sigmas"}, factor, seed=1)) for factor in (1.25, 0.8))
     default = {row.name: row.value for row in Criteria().rows if isinstance(row.value, float)}
-    assert "gain" not in one["naming"] and "numerics" not in one
+    assert "alike_sigmas" not in one.get("naming", {}) and "numerics" not in one
     for name, value in Criteria().with_values(one).changes.items():
         group, number = name.split(".")
         low, high = sorted((float(str(value)), other[group][number]))

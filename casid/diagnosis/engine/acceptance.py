@@ -175,7 +175,7 @@ class _Seen:
         """
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        least = max(self.criteria.parts.quarter * self.last.gain.raw, self.criteria.verdict.missing)
+        least = max(self.criteria.parts.quarter * self.last.gain.raw, self.criteria.missing)
         if self.was[helped] - self.left[helped] > least:
             found.add(helped)
         return found
@@ -196,7 +196,7 @@ def sure_beside_all(evidence: Evidence, name: str) -> tuple[Gate, ...]:
 def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
     criteria = seen.criteria
-    more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
+    more = max(criteria.missing, criteria.naming.approximate * seen.last.gain.raw)
     worse = [m for m in seen.after if m.gain > (1.0 + criteria.parts.quarter) * seen.was[m.station] + more]
     sizes = {m.place.words: missing_size(seen.evidence.fit, m) for m in worse}
     if not sizes:
@@ -366,7 +366,7 @@ def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> d
 
 def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:
     """The gate that an alternative must pass to be in one ambiguity set with the best trial."""
-    return ask.BEHIND.of(distance(best, trial, criteria), 1.0, "screening.equivalent")
+    return ask.BEHIND.of(distance(best, trial, criteria), 1.0, "significance.chance")
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
@@ -393,7 +393,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
     if best.check.confirmed and trial.check.judges and not disputed:
         behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
     ways = [np.inf]
-    if angle < by.unrelated:
+    if angle < unrelated(criteria):
         ways.append(behind / (trial.inflation * equivalence(best.gain.raw, criteria)))
         if {best.effect.target, trial.effect.target} & set(COEFFICIENTS):
             # Model discrepancy explains much of an effect of the aerodynamics, and less of others that imitate it: the
@@ -411,13 +411,16 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     nearly the same way.
     """
     best = round_.leader
-    by = criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
-    near = [
-        t for t in possible if t.gain.total > criteria.parts.most * best.gain.total and sine(best, t) < by.unrelated
-    ]
+    enough = criteria.parts.most * best.gain.total
+    near = [t for t in possible if t.gain.total > enough and sine(best, t) < unrelated(criteria)]
     return [*[t for t in near if t not in alike][: criteria.numerics.naming.few], *alike]
+
+
+def unrelated(criteria: Criteria) -> float:
+    """Return the sine of the angle between fingerprints above which they are unrelated."""
+    return 1.0 - criteria.size.share
 
 
 def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:

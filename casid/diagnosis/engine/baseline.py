@@ -113,7 +113,7 @@ def _refitted(flight: Subject, known: Sequence[Attached], say: Callable[[str], N
     """
     say("refit of the file")
     calm = fit(flight, known, flight.noise(), extent="settled")
-    if is_far(calm, flight.criteria.given.fails**2):
+    if is_far(calm, flight.criteria.parts.tenfold**2):
         without = unread(flight)
         if without.noise_by_fit and not comes_near(flight, known):
             flight = without
@@ -178,6 +178,6 @@ def demanded_structure(base: FlightFit) -> list[Attached]:
     everywhere = np.ones((1, len(base.batch.names)))
     for one in fingerprints(judge.evidence, effects):
         statistic, size, _, _ = judge.score([one], everywhere)
-        if statistic > base.criteria.naming.gain:
+        if statistic > base.criteria.significance.search:
             found.append(Attached(effect=one.effect, values={"value": size}))
     return found

@@ -138,7 +138,7 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
 
 def _promising(candidate: Candidate, criteria: Criteria) -> Gate:
     """The gate on the score statistic of a cause that is to be fitted."""
-    return ask.PREDICTED.of(candidate.net, criteria.parts.third * criteria.naming.gain, "parts.third")
+    return ask.PREDICTED.of(candidate.net, criteria.parts.third * criteria.significance.search, "parts.third")
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:

@@ -2,7 +2,7 @@
 
 The causes were fitted as complete hypotheses, each in the place of the other, and their statistics are likelihood
 ratios. These cannot be taken at face value, because the model structure is never exact. Two causes count as equivalent
-up to a distance of their statistics (`screening.equivalent`), and an ambiguity set is to hold the true cause with 95 %
+up to a distance of their statistics (`significance.chance`), and an ambiguity set is to hold the true cause with 95 %
 probability (`priors.holds`). The odds of two causes at that distance are therefore 19 to 1, and 19^x at x times the
 distance. At the threshold for a name, the odds are the cost of a wrong name over the cost of a missed one.
 """
@@ -26,7 +26,6 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.gates import required_gain
-from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.effect import Effect
 from casid.model.effects import effect_named
 
@@ -66,12 +65,11 @@ def probabilities(
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
     priors = state.criteria.priors
     tempered = priors.tempered
-    least = priors.numerics.least
+    least = priors.doubt**2
+    likely = _explanations(places, faint, least, state.criteria.numerics.naming.ranking)
     return Probabilities(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
-        explanations=tuple(
-            (names, tempered(p)) for names, p in _explanations(places, faint, state.criteria.priors.numerics)
-        ),
+        explanations=tuple((names, tempered(p)) for names, p in likely),
         faint=None if near is None or near[1] < 1.0 - priors.named else (near[0], tempered(near[1])),
         there={name: tempered(p) for name, p in there.items() if p > least},
         entered={name: tempered(p) for name, p in entered.items()},
@@ -118,7 +116,7 @@ class Scale:
 
     def of_missing(self, one: MissingInput) -> float:
         """Probability that a latent input is present."""
-        return float(expit(self.against_nothing(one.gain, self.criteria.verdict.missing)))
+        return float(expit(self.against_nothing(one.gain, self.criteria.missing)))
 
     def of_trial(self, trial: Trial) -> float:
         """Log odds of a fitted cause against no cause.
@@ -133,8 +131,8 @@ class Scale:
 
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""
-        air = self.criteria.verdict.missing
-        structure = self.criteria.naming.gain
+        air = self.criteria.missing
+        structure = self.criteria.significance.search
         return self.against_nothing(cause.statistic, air if cause.effect.stochastic else structure)
 
 
@@ -225,14 +223,14 @@ def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scal
 
 
 def _explanations(
-    places: Sequence[_Place], faint: Mapping[str, float], numerics: ProbabilityNumerics
+    places: Sequence[_Place], faint: Mapping[str, float], least: float, most: int
 ) -> list[tuple[tuple[str, ...], float]]:
     """Combinations of causes with their probabilities, the most probable first."""
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
     choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
-    likely = [{names: p for names, p in one.items() if p > numerics.least} for one in choices]
+    likely = [{names: p for names, p in one.items() if p > least} for one in choices]
     wholes: dict[tuple[str, ...], float] = {}
     for chosen in product(*(one.items() for one in likely)):  # an alternative of two causes may be in both places
         whole = tuple(sorted({name for names, _ in chosen for name in names}))
         wholes[whole] = wholes.get(whole, 0.0) + prod(p for _, p in chosen)
-    return sorted(wholes.items(), key=lambda one: -one[1])[: numerics.reported]
+    return sorted(wholes.items(), key=lambda one: -one[1])[:most]

@@ -148,7 +148,7 @@ def _grown(state: State, say: Say) -> State:
     at a port then, also those of last resort."""
     effects = state.fit.flight.effects
     limit = state.fit.flight.limit
-    missing = state.criteria.verdict.missing
+    missing = state.criteria.missing
     usual, further = ([e for e in effects if e.traits.last_resort is last] for last in (False, True))
     accepted, refused = _with_accepted(state, usual, say)
     accepted = without_improbable(accepted)
@@ -201,7 +201,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
     accepted = state
     numerics = state.criteria.numerics.naming
     limit = state.fit.flight.limit
-    for _ in range(len(state.named), numerics.rounds):
+    for _ in range(len(state.named), state.criteria.numerics.fit.repeats):
         if state.rounds and limit.leaves_out(_FURTHER):
             break
         say(f"naming, round {len(state.rounds) + 1}")

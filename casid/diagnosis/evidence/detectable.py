@@ -61,4 +61,4 @@ def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> fl
     if effect.linear:
         return reached.min()
     nearest = reached[np.argmin(np.abs(np.log(reached / tried)))]
-    return max(nearest, tried.min() / judge.criteria.prior.spread)  # below, a screening takes it for another
+    return max(nearest, tried.min() / judge.criteria.data.outlying)  # below, a screening takes it for another

@@ -91,7 +91,7 @@ def no_terms(fit: FlightFit) -> SmallTerms:
 def small_terms(fit: FlightFit) -> SmallTerms:
     """All terms that symmetry allows and the model of the fit lacks."""
     prior = fit.criteria.structure.small
-    numerics = fit.criteria.numerics.structure
+    rounding = fit.criteria.numerics.rounding
     present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
@@ -105,15 +105,13 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         whole = series_of(fit, allowed)
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
-        rests = np.array([numerics.rounding ** parse_term(term).degree for term in allowed])
-        varies = np.flatnonzero(
-            spread > np.maximum(numerics.rounding * np.abs(whole[fit.batch.live]).max(axis=0), rests)
-        )
+        rests = np.array([rounding ** parse_term(term).degree for term in allowed])
+        varies = np.flatnonzero(spread > np.maximum(rounding * np.abs(whole[fit.batch.live]).max(axis=0), rests))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
         factors.append(prior * size / spread[varies])
         series.append(whole[..., varies] * factors[-1])
-        ridge = numerics.ridge
+        ridge = fit.criteria.structure.known  # some terms are nearly the sum of others
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
         return no_terms(fit)

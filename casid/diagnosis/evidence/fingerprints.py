@@ -166,7 +166,7 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
     longest = max(record.duration for record in evidence.fit.flight.records)
     numerics = evidence.criteria.numerics.events
     step = numerics.step if step is None else step
-    wider = max(step, min(step * longest / numerics.fine_up_to, length))
+    wider = max(step, min(step * longest / evidence.criteria.numerics.record, length))
     return np.arange(numerics.step, longest - numerics.step, wider)
 
 

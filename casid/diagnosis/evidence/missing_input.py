@@ -9,6 +9,7 @@ could imitate anything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -113,7 +114,7 @@ def _peak_frequency(fit: FlightFit) -> float | None:
     significant = fit.criteria.significance.search
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
-    highest = numerics.highest_frequency
+    highest = fit.criteria.parts.third  # of the sampling rate
     frequency = frequency[(frequency > 0.5 / numerics.times[0]) & (frequency < highest / steps.min())]
     if not len(frequency):
         return None
@@ -200,7 +201,7 @@ def _grid(evidence: Evidence, slow: bool) -> _Grid:
     """The grid for a reading (`slow`), or for the motion."""
     fit = evidence.fit
     numerics = evidence.criteria.numerics.missing_input
-    spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.times[0], numerics.times)
+    spacing, times = (numerics.slow[0] / 3.0, numerics.slow) if slow else (numerics.quick[0], numerics.quick)
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
     nodes = np.arange(0.0, longest + spacing, spacing)
@@ -266,10 +267,16 @@ def _most_likely(
     return MissingInput(station=station, gain=gain, size=float(np.sqrt(variance)), history=inside)
 
 
+def decades(numerics: MissingInputNumerics) -> np.ndarray:
+    """Every power of ten between the smallest and the largest variance that are tried."""
+    least, most = numerics.sizes
+    return np.geomspace(least, most, 1 + math.ceil(math.log10(most / least)))
+
+
 def _ratios(numerics: MissingInputNumerics) -> np.ndarray:
     """The variances that are tried, in units of the best-determined direction."""
     least, most = numerics.sizes
-    return np.geomspace(least, most, numerics.variances)
+    return np.geomspace(least, most, 1 + math.ceil(math.log2(most / least)))  # at least doubled from one to the next
 
 
 def _prior_root(nodes: np.ndarray, tau: float) -> np.ndarray:

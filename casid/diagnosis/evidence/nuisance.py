@@ -78,7 +78,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
         others = [i for i in range(len(offered)) if i not in chosen]
         gains = [float(_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]]) for i in others]
         misfit = max(1.0, (squares - max(gains)) / base.readings)
-        if max(gains) - gained < base.criteria.naming.gain * misfit:
+        if max(gains) - gained < base.criteria.significance.search * misfit:
             break
         chosen.append(others[int(np.argmax(gains))])
         sizes = _sizes(information, match, chosen)
@@ -89,7 +89,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
     ]
     matters = base.flight.smallest_that_matters
     small = [one for one in found if abs(one.values["value"]) < (matters(one.effect) or 0.0)]
-    return small, gained - base.criteria.naming.gain * len(chosen)
+    return small, gained - base.criteria.significance.search * len(chosen)
 
 
 def _projected(base: FlightFit, enter: np.ndarray) -> Projection:

@@ -120,7 +120,7 @@ def _bent(base: FlightFit, effect: Effect) -> float:
     lines = np.stack([np.ones(len(term)), *(base.regressors[name][live] for name in names)], axis=1)
     left = term - lines @ np.linalg.lstsq(lines, term, rcond=None)[0]
     part = np.linalg.norm(left) / max(float(np.linalg.norm(term)), 1e-300)
-    return float(part) if part > base.criteria.numerics.structure.rounding else 1.0
+    return float(part) if part > base.criteria.numerics.rounding else 1.0
 
 
 def screen(evidence: Evidence, effects: Iterable[Effect], exact: bool = False) -> list[Candidate]:
@@ -167,7 +167,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     effect = prints[0].effect
     names = np.array(judge.base.batch.names)
     R = len(names)
-    least = 1.0 / judge.criteria.prior.spread
+    least = 1.0 / judge.criteria.data.outlying
     most = 1.0 if effect.series is not None else np.inf
     best: Candidate | None = None
     for one in prints:
@@ -202,7 +202,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
 
 def equivalence(gain: float, criteria: Criteria) -> float:
     """Distance of the statistics within which causes are equivalent."""
-    return max(criteria.screening.equivalent, criteria.structure.known * gain)
+    return max(criteria.significance.chance, criteria.structure.known * gain)
 
 
 def _subset(chosen: Iterable[int], R: int) -> np.ndarray:

@@ -100,7 +100,7 @@ def consequence(fitted: FlightFit, one: Attached) -> float:
     For a surface it is the change of a coefficient over a part of its variation. For a reading it is the change of the
     channel over such a part or over its noise, whichever is smaller. It is infinite for other effects.
     """
-    least = fitted.criteria.size.consequence
+    least = fitted.criteria.naming.approximate
     live = fitted.batch.live
     if one.effect.output is not None:
         plain, seen = without_and_with(fitted, one)

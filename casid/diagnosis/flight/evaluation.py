@@ -203,7 +203,7 @@ class FlightFit:
         """
         if any(one.effect.forms.noise is not None and not one.passes for one in self.attached):
             return True
-        change = self.criteria.noise.density_ratio - 1.0
+        change = self.criteria.parts.quarter
         return any(abs(held / self.noise.inputs[name] - 1.0) > change for name, held in self.held.inputs.items())
 
     @property

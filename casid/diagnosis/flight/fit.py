@@ -147,7 +147,7 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     This happens if the model misses something large. The new fit starts from a fit under wider noise, which has fewer
     local minima.
     """
-    far = fitted.criteria.given.fails
+    far = fitted.criteria.parts.tenfold
     if fitted.converged or fitted.deviance < far**2 * fitted.readings:
         return None
     return by_wider_noise(fitted, far)[1]
@@ -282,7 +282,7 @@ class _Point:
         left = now.promise / self.promise if self.promise else np.inf
         numerics = now.fit.criteria.numerics.fit
         much = left < now.fit.criteria.parts.quarter
-        as_low = now.squares < numerics.squares * self.squares
+        as_low = now.squares < (1.0 + numerics.stays) * self.squares
         nearer = (much and as_low) if now.fit.noise.coloured else (much or (left < 1.0 and as_low))
         return full and nearer
 

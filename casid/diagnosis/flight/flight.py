@@ -139,7 +139,7 @@ def _since_the_last(series: np.ndarray, t: np.ndarray) -> np.ndarray:
 def _effects(flight: Subject) -> list[Effect]:
     """Every deterministic effect that these records can show."""
     aircraft = flight.aircraft
-    every = [possible(e, aircraft, flight.criteria.size) for e in catalogue(aircraft, flight.outputs)]
+    every = [possible(e, aircraft, flight.criteria) for e in catalogue(aircraft, flight.outputs)]
     known = [e for e in every if e.target not in flight.unknown and not e.kind.startswith(flight.unknown)]
     still = _still(flight)
     told = [e for e in known if e.regressor is None or not still & parse_term(e.regressor).variables]
@@ -154,7 +154,7 @@ def _still(flight: Subject) -> frozenset[str]:
     """
     angles = ("alpha", "beta", *SURFACES)
     moves = {a: [record[a] for record in flight.records if a in record] for a in angles}
-    rest = {a for a, x in moves.items() if x and np.nanstd(np.concatenate(x)) < flight.criteria.prior.resting}
+    rest = {a for a, x in moves.items() if x and np.nanstd(np.concatenate(x)) < flight.criteria.noise.smallest}
     out_of_axes = {"longitudinal": OUT_OF_PLANE, "lateral": IN_PLANE}.get(flight.axes, ())
     return frozenset({*rest, *out_of_axes})
 
@@ -207,7 +207,7 @@ def with_noise_above(flight: Subject, left: Sequence[Record]) -> Subject:
     for name in flight.doubted:
         both = (that_have(records, name, criteria) for records in (left, flight.records))
         density = min((density_sigma(of, name, (edge, 2.0 * edge)) for of in both if of), default=0.0)
-        if density > criteria.density_ratio * flight.sigma[name]:
+        if density > flight.criteria.parts.otherwise * flight.sigma[name]:
             raised[name] = density
     return replace(flight, sigma=flight.sigma | raised)
 
@@ -439,7 +439,7 @@ def is_derived(records: Sequence[Record], acceleration: str, sigma: Mapping[str,
     rate = RATE_OF[acceleration]
     if _is_smoothed(records, acceleration, criteria):
         return True
-    reach = criteria.noise.differentiator
+    reach = round(0.5 * criteria.numerics.samples_per_cycle)
     pairs = [_pair(record, rate, acceleration, reach) for record in records]
     around, values = (np.concatenate(part) for part in zip(*pairs, strict=True))
     columns = np.column_stack([around, np.ones(len(values))])

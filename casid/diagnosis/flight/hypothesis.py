@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import PriorCriteria
+from casid.diagnosis.criteria import PartCriteria
 from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, ParameterFunctions, inject
 from casid.filtering.kalman import Filter
@@ -37,10 +37,10 @@ def prior(flight: Subject, model: Model, names: Sequence[str | None]) -> tuple[n
     return mean, weight
 
 
-def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None) -> float:
+def smallest_stated_std(coefficient: str, criteria: PartCriteria | None = None) -> float:
     """Smallest prior standard deviation of a derivative; a relative uncertainty means nothing near zero."""
-    known = criteria or PriorCriteria()
-    return known.unstated * NOTABLE_DERIVATIVES[coefficient]
+    known = criteria or PartCriteria()
+    return known.tenth * NOTABLE_DERIVATIVES[coefficient]
 
 
 def derivative_std(flight: Subject, model: Model, name: str) -> float:
@@ -53,21 +53,21 @@ def derivative_std(flight: Subject, model: Model, name: str) -> float:
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
-    known = flight.criteria.prior
+    wide = flight.criteria.data.outlying
     size = abs(model.nominal[name])
     if name in flight.aircraft.knots:
-        return model.prior_std.get(name, known.spread * max(size, NOTABLE_DERIVATIVES[flight.aircraft.knots[name]]))
+        return model.prior_std.get(name, wide * max(size, NOTABLE_DERIVATIVES[flight.aircraft.knots[name]]))
     coefficient, term = derivative_term(name)
     smallest = NOTABLE_DERIVATIVES[coefficient]
     if name in model.prior_std:
-        return max(model.prior_std[name], smallest_stated_std(coefficient, known))
+        return max(model.prior_std[name], smallest_stated_std(coefficient, flight.criteria.parts))
     usual = USUAL_DERIVATIVES.get(name)
     if size == 0.0 and usual is not None:
         return usual * _as_in_the_file(flight.aircraft, term)
     if size > 0.0 or not term.factors:
-        return known.spread * max(size, smallest)
-    moves = max(flight.regressors(model).variation(term), known.resting)
-    return known.spread * smallest * max(1.0, known.regressor / moves)
+        return wide * max(size, smallest)
+    moves = max(flight.regressors(model).variation(term), flight.criteria.noise.smallest)
+    return wide * smallest * max(1.0, flight.criteria.parts.tenth / moves)
 
 
 def _as_in_the_file(aircraft: Aircraft, term: Term) -> float:

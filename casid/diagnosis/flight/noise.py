@@ -113,7 +113,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
     Noise and error are those of the samples as recorded: the white noise that averaging removed is added again.
     """
     table = {}
-    lags = fit.criteria.numerics.fit.whiteness_lags
+    lags = round(fit.criteria.numerics.samples_per_cycle)
     every = fit.flight.every
     for i, name in enumerate(fit.model.outputs):
         error = simulated.residual[..., i]
@@ -165,7 +165,7 @@ def following(fit: FlightFit) -> Following | None:
     innovations of the right model are independent of everything before them, in closed loop too (Ljung, System
     Identification, 16.6). Air that is estimated in place of something else follows the inputs.
     """
-    lags = fit.criteria.numerics.fit.whiteness_lags
+    lags = round(fit.criteria.numerics.samples_per_cycle)
     live = fit.batch.live
     U = fit.batch.U
     moved = [i for i, name in enumerate(fit.model.inputs) if name in (*SURFACES, "thrust") and np.ptp(U[live][:, i])]
@@ -194,7 +194,7 @@ def beyond_air(fit: FlightFit) -> float:
     """Return the statistic with which innovations in moving air follow earlier changes of the inputs, which no air
     does; 0 in calm air, and where it may be chance."""
     found = following(fit) if fit.noise.coloured else None
-    return found.statistic if found and found.statistic > fit.criteria.verdict.missing else 0.0
+    return found.statistic if found and found.statistic > fit.criteria.missing else 0.0
 
 
 def _explained(regressors: np.ndarray, series: np.ndarray) -> float:
@@ -269,13 +269,13 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
         before = fitted.flight.sigma
         level = level_of(fitted)
         fitted = _under(fitted, before | level, {}, free)
-        if all(abs(np.log(level[o] / before[o])) < numerics.noise_stays for o in level):
+        if all(abs(np.log(level[o] / before[o])) < numerics.stays for o in level):
             break
     for _ in range(numerics.repeats):
         before = fitted.noise.colour
         colour = colour_of(fitted, fitted.flight.doubted)
         fitted = _under(fitted, fitted.flight.sigma, colour, free)
-        if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.noise_stays for o in colour):
+        if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.stays for o in colour):
             break
     return fitted
 
@@ -330,7 +330,7 @@ def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
     The model of turbulence is approximate, and leaves part of its effect in readings whose own noise is not slow.
     Residuals larger than the limit of `slow_of` are not noise.
     """
-    most = fitted.criteria.noise.slow
+    most = fitted.criteria.parts.twice
     left = colour_of(fitted, fitted.model.outputs)
     colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
     return _under(fitted, fitted.flight.sigma, colour, fitted.free)
@@ -344,11 +344,10 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     `drifting`. Noise as slow as that would be this drift by another name, and they have none.
     """
     white = _innovations(fitted)
-    criteria = fitted.criteria.noise
     sigma = fitted.noise.measurement
     significant = fitted.criteria.significance
     found = white_and_slow(fitted.batch.t, white, fitted.seen)
-    drift_time = min(fitted.criteria.numerics.missing_input.drift_times)
+    drift_time = min(fitted.criteria.numerics.missing_input.slow)
     flown = sum(record.duration for record in fitted.flight.records)
     slow = {}
     offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
@@ -358,7 +357,7 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     for name, one in zip(fitted.model.outputs, found, strict=True):
         largest = fitted.flight.smallest_that_matters(sensor_bias(name)) or np.inf
         # The number of independent values of a variance is the flown time over the correlation time.
-        most = (criteria.slow - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
+        most = (fitted.criteria.parts.twice - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
         faster = name not in drifting or one.tau < drift_time
         if one.gain > significant.chance and one.slow**2 < most and faster:
@@ -372,7 +371,7 @@ def _put_in(fitted: FlightFit) -> np.ndarray:
     batch = fitted.batch
     output = fitted.output
     found = np.zeros(output.shape[1:])
-    rounding = fitted.criteria.numerics.structure.rounding
+    rounding = fitted.criteria.numerics.rounding
     for one in fitted.attached:
         if one.effect.output is not None:
             added = readings([one], batch.names, batch.t, output, fitted.model.outputs, fitted.known) - output
@@ -416,7 +415,7 @@ def _by_the_model(flight: Subject, attached: Sequence[Attached]) -> Subject:
         return flight
     numerics = flight.criteria.numerics.fit
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}
-    first = {o: max(flight.sigma[o], numerics.noise_stays * v) for o, v in variation.items()}
+    first = {o: max(flight.sigma[o], numerics.stays * v) for o, v in variation.items()}
     now = replace(flight, sigma=flight.sigma | first)
     fitted = None
     for _ in range(numerics.repeats):
@@ -426,7 +425,7 @@ def _by_the_model(flight: Subject, attached: Sequence[Attached]) -> Subject:
         now = with_noise_above(
             flight, [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]
         )
-        if all(abs(np.log(now.sigma[o] / before[o])) < numerics.noise_stays for o in flight.doubted):
+        if all(abs(np.log(now.sigma[o] / before[o])) < numerics.stays for o in flight.doubted):
             break
     return now
 
@@ -503,20 +502,20 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     """
     share = held_share(fitted, named=named)
     if abs(share - fitted.flight.held) < fitted.criteria.parts.quarter:
-        doubted = fitted.flight.noise_by_fit or is_far(fitted, fitted.criteria.given.fails)
+        doubted = fitted.flight.noise_by_fit or is_far(fitted, fitted.criteria.parts.tenfold)
         if named or not doubted:
             return fitted
         share = 1.0  # a simulator that holds its inputs: tried before anything else is called wrong
     flight = with_inputs_held(fitted.flight, share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, extent="settled")
-    if other.deviance >= fitted.deviance - fitted.criteria.verdict.missing:
+    if other.deviance >= fitted.deviance - fitted.criteria.missing:
         return fitted
     by = 0.5 * (share - fitted.flight.held) * float(np.median(fitted.batch.dt)) / fitted.flight.every
     if by <= 0.0 or named:
         return other
     late = Attached(effect=sensor_delay("inertial"), values={"value": by})
     unit = fit(fitted.flight, [*fitted.attached, late], fitted.noise, fitted, extent="settled")
-    return fitted if unit.deviance < other.deviance - fitted.criteria.verdict.missing else other
+    return fitted if unit.deviance < other.deviance - fitted.criteria.missing else other
 
 
 def held_share(fitted: FlightFit, *, named: bool = False) -> float:
@@ -535,7 +534,7 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     share = float(np.clip(round(float(np.median(shares[clear])) / step) * step, -1.0, 1.0))
     agree = clear & (np.abs(shares - share) < step)
     alone = needed == 1 and not named
-    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < fitted.criteria.verdict.missing:
+    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < fitted.criteria.missing:
         return fitted.flight.held
     return share
 

@@ -169,10 +169,10 @@ def ported(
     )
     sigma = noise_of(base, records, criteria.noise)
     paths = motions(base, records, sigma, criteria.numerics.fit.repeats)
-    frictions = frictions_of(base, paths, criteria.systems)
+    frictions = frictions_of(base, paths, criteria.naming.approximate)
     terms = library.terms(base) | library.further_terms(base) | {one.name: one.term for one in frictions.values()}
     of = Ported(base=base, ports=tuple(ports), terms=terms)
-    effects = effects_of(library, base, ports, records, free, frictions, criteria.systems)
+    effects = effects_of(library, base, ports, records, free, frictions, criteria.naming.approximate)
     return Subject(
         **_of_model(of),
         freed=free,
@@ -189,10 +189,10 @@ def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
     by = criteria.numerics.naming
-    wider = criteria.numerics.systems.wider
+    wider = by.few
     iterations, tolerance = criteria.numerics.fit.rough
     table = {"naming": {"trials": wider * by.trials}, "fit": {"rough": (wider * iterations, tolerance)}}
-    return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": table})
+    return in_time(criteria, duration / criteria.numerics.record).with_values({"numerics": table})
 
 
 def noise_of(model: Model, records: Sequence[Record], criteria: NoiseCriteria) -> dict[str, float]:
@@ -236,7 +236,7 @@ def first_fit(subject: Subject) -> FlightFit:
             f"model '{subject.title}' cannot be fitted to these records from its nominal values: {error}"
         ) from None
     left = float(np.sqrt(np.sum(plain.white**2) / plain.readings))
-    if plain.converged and left < subject.criteria.given.fails:
+    if plain.converged and left < subject.criteria.parts.tenfold:
         return plain
     wide, again = by_wider_noise(plain, left)
     found = [one for one in (plain, again, *_by_equation_error(subject)) if one.converged]

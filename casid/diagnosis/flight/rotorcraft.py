@@ -96,8 +96,8 @@ def with_stated_uncertainty(aircraft: Aircraft, criteria: Criteria) -> Aircraft:
     none."""
     rotors = aircraft.required_rotors
     if not rotors.relative_uncertainty and not any(one.std for one in rotors.each):
-        rotors = replace(rotors, relative_uncertainty=criteria.rotors.effectiveness)
-    of_wing = aircraft.relative_uncertainty or (criteria.prior.spread if aircraft.winged else 0.0)
+        rotors = replace(rotors, relative_uncertainty=criteria.size.share)
+    of_wing = aircraft.relative_uncertainty or (criteria.data.outlying if aircraft.winged else 0.0)
     return replace(aircraft, rotors=rotors, relative_uncertainty=of_wing)
 
 
@@ -127,10 +127,10 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     commanded = {name: pooled_sigma([record[name] for record in ready]) for name in rotors.names}
     by_band = NoiseModel(
         measurement=noise_of(base, ready, criteria.noise),
-        white=_usual_disturbances(aircraft, criteria.rotors.disturbed),
+        white=_usual_disturbances(aircraft, criteria.parts.tenth),
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
-    every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
+    every = [possible(e, aircraft, criteria) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
     there = {effect_of(value).key for value in aircraft.effects}
     terms = _terms_of_wing(aircraft, base, every)
     told = [e for e in every if e.regressor in terms or (e.regressor is None and e.target not in COEFFICIENTS)]
@@ -278,15 +278,11 @@ def most_likely_noise(
     some of it, and hardly less.
     """
     linear = _smoothed(model, records, free, start)
-    by = criteria.rotors
-    search = criteria.numerics.levels
     sigma = dict(start.measurement)
     white = dict(start.white)
     Z = linear.residual + linear.output
-    read = {equation(n) for n, reading in _READ_BY.items() if reading in start.measurement}
-    bounds = {
-        name: (value / (by.widest if name in read else by.unread), value * by.unread) for name, value in white.items()
-    }
+    wide = 1.0 / criteria.noise.smallest
+    bounds = {name: (value / wide, value * wide) for name, value in white.items()}
     for i, (name, quick) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
         bounds[name] = (criteria.parts.half * quick, max(criteria.parts.quarter * varies, quick))
@@ -305,8 +301,8 @@ def most_likely_noise(
         bounds,
         lambda levels: _deviance(linear, noise(levels)),
         groups,
-        search.factors,
-        search.sweeps,
+        criteria.parts.steps,
+        criteria.numerics.naming.trials,
         criteria.numerics.fit.rough[1],
     )
     return noise(found)
@@ -342,7 +338,7 @@ def in_its_colour(flight: Subject, fitted: FlightFit) -> tuple[Subject, FlightFi
         colour = colour_of(fitted, flight.outputs, longest)
         flight = replace(flight, colour=colour)
         fitted = fit(flight, fitted.attached, flight.noise(), fitted, extent="settled")
-        stays = fitted.criteria.numerics.fit.noise_stays
+        stays = fitted.criteria.numerics.fit.stays
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
             break
     return flight, fitted

@@ -287,7 +287,7 @@ def contradicted_parameters(
     found = []
     for name, given in model.nominal.items():
         one = flight.get(name)
-        margin = model.prior_std.get(name, criteria.prior.unstated * abs(given))
+        margin = model.prior_std.get(name, criteria.parts.tenth * abs(given))
         if one and one.against(given, margin, criteria):
             unit = model.units.get(name, "")
             says = f"{name} is {_plain(given, unit)} in the model; the records say {_number(one, unit)}."
@@ -308,14 +308,14 @@ def _derivatives(
     for name, value in given.items():
         coefficient, term = derivative_term(name)
         whole = value + slopes.get(name, 0.0)
-        margin = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(whole)
-        margin = max(margin, smallest_stated_std(coefficient, criteria.prior))
+        margin = (aircraft.relative_uncertainty or criteria.parts.tenth) * abs(whole)
+        margin = max(margin, smallest_stated_std(coefficient, criteria.parts))
         if name in flight and flight[name].against(value, margin, criteria):
             one = flight[name].stated
             yield _against(name, term.unit, whole, replace(one, value=one.value + slopes.get(name, 0.0)), margin)
     for name, value in missing_derivatives(aircraft).items():
         coefficient, term = derivative_term(name)
-        margin = smallest_stated_std(coefficient, criteria.prior)
+        margin = smallest_stated_std(coefficient, criteria.parts)
         if name in flight and flight[name].against(value, margin, criteria):
             one = flight[name].stated
             says = f"The file has no {name}; flight says {_number(one, term.unit)}."
@@ -327,7 +327,7 @@ def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Cr
     for value in aircraft.effects:
         effect = effect_of(value)
         stated = _flight_says(effect, flight)
-        margin = value.std or criteria.prior.unstated * abs(value.value)
+        margin = value.std or criteria.parts.tenth * abs(value.value)
         if stated is not None and stated.against(value.value, margin, criteria) and possible(effect, value.value):
             yield _against(effect.name, effect.unit, value.value, stated, margin)
 

@@ -158,7 +158,7 @@ def common_factors(
     for group in _GROUPS:
         members = [one for one in left if group.holds(one.coefficient, one.variable)]
         scope = {(one.coefficient, one.variable) for one in members}
-        if len(scope) < 2 or (factor := _common(members, by, 1.0, by.prior.unstated)) is None or factor[0] <= 0.0:
+        if len(scope) < 2 or (factor := _common(members, by, 1.0, by.parts.tenth)) is None or factor[0] <= 0.0:
             continue
         value, std, statistic = factor
         names = tuple(one.name for one in members)
@@ -241,7 +241,7 @@ def _gains(
         if not arm or not (one.determined and power.determined):
             continue
         ratio = (one.value - given) / arm
-        stated = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(given / arm)
+        stated = (aircraft.relative_uncertainty or criteria.parts.tenth) * abs(given / arm)
         share = criteria.size.share * one.value / arm
         std = float(np.linalg.norm([one.std / arm, share, ratio * power.std / power.value]))
         yield _Ratio(name=name, coefficient=coefficient, variable=variable, ratio=ratio, std=std, stated=stated)
@@ -261,7 +261,7 @@ def _distances(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: 
             continue
         one = flight[name].nearest(given)
         std = math.hypot(one.std, criteria.size.share * one.value)
-        stated = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(given)
+        stated = (aircraft.relative_uncertainty or criteria.parts.tenth) * abs(given)
         yield _Ratio(
             name=name,
             coefficient=coefficient,
@@ -287,7 +287,7 @@ def _ratios(
         one = flight[name].nearest(value)
         ratio = (one.value + beside) / given
         std = math.hypot(one.std / given, criteria.size.share * ratio)
-        stated = aircraft.relative_uncertainty or criteria.prior.unstated
+        stated = aircraft.relative_uncertainty or criteria.parts.tenth
         variable = term.factors[0][0]
         found.append(_Ratio(name=name, coefficient=coefficient, variable=variable, ratio=ratio, std=std, stated=stated))
     return found

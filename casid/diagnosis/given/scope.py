@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.diagnosis.criteria import Criteria, HeldOutCriteria, PartCriteria
+from casid.diagnosis.criteria import Criteria, PartCriteria
 from casid.diagnosis.flight.flight import prepare, resting
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
@@ -403,7 +403,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
 
 
 def split(
-    records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
+    records: Sequence[Record], hold_out: Sequence[Record], criteria: PartCriteria
 ) -> tuple[list[Record], list[Record]]:
     """Split the records into those that are fitted and those that are held out.
 
@@ -429,8 +429,8 @@ def split(
     if len(records) > 1:
         return list(records[:-1]), [records[-1]]
     only = records[0]
-    cut = only.t[0] + criteria.fitted_part * only.duration
-    part = "last third" if criteria == HeldOutCriteria() else "last part"
+    cut = only.t[0] + criteria.most * only.duration
+    part = "last third" if criteria == PartCriteria() else "last part"
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
 
 

@@ -1,7 +1,7 @@
 """The shape of a latent input at a coefficient: a curve over the motion, kept only if it helps on held-out records.
 
-The latent input is regressed on the motion of the same model: on a smooth function of one variable, or on such a
-function times a second variable. The curve shows how the missing part depends on the motion. It does not name a cause,
+The latent input is regressed on the motion of the same model: on a smooth table of one variable, or on such a table
+times a second variable. The curve shows how the missing part depends on the motion. It does not name a cause,
 and its straight line is shared with the derivatives of the model.
 """
 
@@ -12,35 +12,16 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-import scipy
 
-from casid.criterion import number
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
+from casid.diagnosis.evidence.missing_input import MissingInput, decades, missing_at
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.model.aircraft import Aircraft
 from casid.model.tables import table
 from casid.model.terms import VARIABLES
 
 _ALONE = "1"  # in place of a second variable
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeNumerics:
-    """Numbers of the fit of a curve."""
-
-    degree: int = number(3, "degree of the spline")
-    pieces: int = number(6, "pieces of the spline", "chosen: nodes of one manoeuvre tell no more")
-    penalties: tuple[float, ...] = number(
-        (0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5),
-        "penalties on second differences that are tried, over the information on a coefficient",
-    )
-    ridge: float = number(1e-6, "the same on the coefficients", "derived: rounding")
-    outside: float = number(0.01, "part of the nodes on either side that the curve does not reach")
-    shown: int = number(41, "points of a curve")
-
-
-_BY = ShapeNumerics()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,26 +81,27 @@ def with_shapes(aircraft: Aircraft, shapes: Sequence[Shape]) -> Aircraft:
     return replace(aircraft, tables=(*aircraft.tables, *tables))
 
 
-def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInput], gains: float) -> tuple[Shape, ...]:
-    """The shapes of what is unexplained at coefficients of a fit; `held` is the same model on held-out records, and
-    `gains` the ratio of errors there from which a shape is kept."""
+def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInput]) -> tuple[Shape, ...]:
+    """The shapes of what is unexplained at coefficients of a fit; `held` is the same model on held-out records."""
     found = []
     for missing in unexplained:
         if missing.place.kind != "coefficient" or not missing.concerns(fit.batch.names):
             continue
         (unseen,) = missing_at(weigh(held), [missing.station])
-        shape = shape_of(missing.place.name, _points(fit, missing), _points(held, unseen), gains)
+        shape = shape_of(missing.place.name, _points(fit, missing), _points(held, unseen), fit.criteria)
         found += [shape] if shape is not None else []
     return tuple(found)
 
 
-def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], gains: float) -> Shape | None:
+def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], criteria: Criteria) -> Shape | None:
     """The curve by which the fitted records predict each other best, if held-out ones support it; else None.
 
-    A curve is kept from the ratio `gains` of the errors before and after it, on records left out.
+    A curve is kept that makes the errors on records left out clearly smaller.
     """
+    gains = criteria.parts.slightly
     parts = _stretches(fitted)
-    scored = [(*_left_out(parts, basis), basis) for basis in _bases(fitted)]
+    penalties = decades(criteria.numerics.missing_input)
+    scored = [(*_left_out(parts, basis, penalties), basis) for basis in _bases(fitted, criteria)]
     if not (scored and held):
         return None
     single = max((row[0] for row in scored if row[2].times == _ALONE), default=1.0)  # the simpler curve comes first
@@ -131,7 +113,7 @@ def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points],
     before, after = np.sum([_squares(basis.equations(one), coefficients) for one in held], axis=0)
     if before < gains**2 * after:
         return None
-    x = np.linspace(basis.low, basis.high, _BY.shown)
+    x = np.array(basis.nodes)
     design = basis.design(x)
     if basis.times == _ALONE:  # a constant is not determined: every record has an offset of its own
         design -= np.mean(np.concatenate([basis.design(one.variables[basis.over]) for one in fitted]), axis=0)
@@ -151,19 +133,15 @@ Equations = tuple[np.ndarray, np.ndarray]  # whitened rows (n, coefficients) and
 
 @dataclass(frozen=True, kw_only=True)
 class _Basis:
-    """Splines over one variable between two of its values, times another variable."""
+    """A table of one variable at its nodes, times another variable."""
 
     over: str
     times: str
-    low: float
-    high: float
+    nodes: tuple[float, ...]
 
     def design(self, x: np.ndarray) -> np.ndarray:
-        """(n, coefficients) of the spline; constant beyond its range."""
-        step = (self.high - self.low) / _BY.pieces
-        knots = self.low + step * np.arange(-_BY.degree, _BY.pieces + _BY.degree + 1)
-        inside = np.clip(x, self.low, self.high - 1e-9 * step)
-        return scipy.interpolate.BSpline.design_matrix(inside, knots, _BY.degree).toarray()
+        """(n, nodes) of the table; constant beyond its range."""
+        return np.stack([np.interp(x, self.nodes, one) for one in np.eye(len(self.nodes))], axis=1)
 
     def equations(self, one: Points) -> Equations:
         """Those of a record; it has a mean of its own, which is taken off."""
@@ -181,29 +159,23 @@ class _Basis:
         size = rows.shape[1]
         bend = np.diff(np.eye(size), 2, axis=0)
         scale = float(np.trace(gram)) / size
-        inverse = np.linalg.pinv(gram + scale * (_BY.ridge * np.eye(size) + penalty * bend.T @ bend), hermitian=True)
+        inverse = np.linalg.pinv(gram + scale * penalty * bend.T @ bend, hermitian=True)
         coefficients = inverse @ rows.T @ y
         freedom = max(len(y) - float(np.trace(inverse @ gram)), 1.0)
         left = y - rows @ coefficients
         return coefficients, max(float(left @ left) / freedom, 1.0) * inverse
 
 
-def _bases(fitted: Sequence[Points]) -> Iterator[_Basis]:
+def _bases(fitted: Sequence[Points], criteria: Criteria) -> Iterator[_Basis]:
     """Over every variable that moves, alone and times every other one."""
     there = set.intersection(*(set(one.variables) for one in fitted)) if fitted else set()
-    moving = [name for name in VARIABLES if name in there and _moves(fitted, name)]
+    pooled = {name: np.concatenate([one.variables[name] for one in fitted]) for name in VARIABLES if name in there}
+    moving = [name for name, x in pooled.items() if np.ptp(x) > criteria.numerics.rounding * max(1.0, np.abs(x).max())]
+    count = 1 + round(0.5 * criteria.numerics.samples_per_cycle)  # from one end to the other in half a cycle
     for over in moving:
-        low, high = np.quantile(
-            np.concatenate([one.variables[over] for one in fitted]), (_BY.outside, 1.0 - _BY.outside)
-        )
+        nodes = np.linspace(pooled[over].min(), pooled[over].max(), count)
         for times in (_ALONE, *(name for name in moving if name != over)):
-            yield _Basis(over=over, times=times, low=float(low), high=float(high))
-
-
-def _moves(fitted: Sequence[Points], name: str) -> bool:
-    pooled = np.concatenate([one.variables[name] for one in fitted])
-    low, high = np.quantile(pooled, (_BY.outside, 1.0 - _BY.outside))
-    return bool(high - low > 1e-9 * max(1.0, float(np.abs(pooled).max())))
+            yield _Basis(over=over, times=times, nodes=tuple(nodes.tolist()))
 
 
 def _stretches(fitted: Sequence[Points]) -> list[Points]:
@@ -219,12 +191,12 @@ def _part(one: Points, at: np.ndarray) -> Points:
     )
 
 
-def _left_out(parts: Sequence[Points], basis: _Basis) -> tuple[float, float]:
+def _left_out(parts: Sequence[Points], basis: _Basis, penalties: np.ndarray) -> tuple[float, float]:
     """Ratio of errors without and with the curve, each record by a curve of the others, and the penalty at which it is
     largest."""
     equations = [basis.equations(one) for one in parts]
     found = []
-    for penalty in _BY.penalties:
+    for penalty in penalties.tolist():
         squares = np.zeros(2)
         for i, one in enumerate(equations):
             coefficients, _ = basis.fitted([*equations[:i], *equations[i + 1 :]], penalty)

@@ -266,7 +266,7 @@ def _with_faults(flight: Subject, turbulent: Turbulence, calm: FlightFit, effect
 
     faulty = calm
     evidence = weigh(kinematics.with_offsets(calm), discrepancy=False)
-    if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
+    if drifts(evidence)[0].gain > criteria.parts.clearly * turbulent.gain:
         return still_air(flight)
     in_moving_air = [moved(calm)]
     for _ in range(criteria.numerics.naming.trials):
@@ -301,6 +301,6 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
     moving = fit(flight, refitted.attached, flight.noise(air), refitted, extent="rough")
     calm = as_slow_as_left(refitted).deviance
-    least = turbulent.criteria.verdict.missing
+    least = turbulent.criteria.missing
     # none is a case of slow noise: where turbulence explains as much without it, it does so beside it
     return calm - moving.deviance > least or calm - as_slow_as_left(moving).deviance > least

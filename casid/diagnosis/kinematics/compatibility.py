@@ -303,7 +303,7 @@ def compatibility(
     reconstructed = {r.name: found.fit.read[: len(r), j] for j, r in enumerate(flight.records)}
     rest = np.concatenate([measured[name] - reconstructed[name] for name in measured])
     left = dict(zip(names, map(float, np.sqrt(np.nanmean(rest**2, axis=0)) / list(flight.sigma.values())), strict=True))
-    followed = found.fit.converged or max(left.values()) <= by.given.left
+    followed = found.fit.converged or max(left.values()) <= by.parts.twice
     return Compatibility(
         records=given,
         axes=flight.axes,
@@ -311,13 +311,13 @@ def compatibility(
         left=left,
         noise=dict(flight.sigma),
         moving_air=air.sigma if air.named else 0.0,
-        wind=steady_wind(given, found.fit) if followed and left["V"] <= by.given.left else None,
+        wind=steady_wind(given, found.fit) if followed and left["V"] <= by.parts.twice else None,
         measured=measured,
         reconstructed=reconstructed,
         not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped), *_by_air(hidden)),
         data=checked.findings,
         remarks=checked.remarks,
-        most_left=by.given.left,
+        most_left=by.parts.twice,
         followed=followed,
     )
 
@@ -342,14 +342,15 @@ def _flight(records: Sequence[Record], plane: Aircraft, axes: str | None, criter
     bare = [record.without("thrust", *(s for s in SURFACES)) for record in records]
     still = [one.with_channels(**{s: np.zeros(len(one)) for s in SURFACES}) for one in bare]
     dense = [one if "rho" in one else one.with_channels(rho=np.ones(len(one))) for one in still]
-    share = criteria.kinematics.airspeeds / max(map(len, dense))
+    needed = criteria.numerics.samples_per_cycle
+    share = needed / max(map(len, dense))
     noise = replace(criteria.noise, present=min(share, criteria.noise.present))
     flight = prepare(plane, dense, replace(criteria, noise=noise), axes)
     if "V" not in flight.outputs:
         read, record = max((int(np.isfinite(record["V"]).sum()), record.name) for record in records)
         raise InputError(
             f"record '{record}': airspeed V has {read} readings, too few to reconstruct motion, or does not change; "
-            f"expected {criteria.kinematics.airspeeds:.0f} or more; log it at a higher rate, or give longer records"
+            f"expected {needed:.0f} or more; log it at a higher rate, or give longer records"
         )
     if not kinematics.available(flight):
         raise InputError("compatibility: accelerations or rates of rotation do not move in these records")
@@ -412,7 +413,7 @@ def _with_errors(
     alternatives."""
     rivals: dict[str, tuple[str, ...]] = {}
     evidence = weigh(found, discrepancy=False)
-    for _ in range(flight.criteria.numerics.naming.rounds):
+    for _ in range(flight.criteria.numerics.fit.repeats):
         taken = {one.effect.key for one in found.attached}
         able = [e for e in flight.effects if e.kind in tried and e.key not in taken]
         ranked = [one for one in screen(evidence, able) if is_possible(one.attached) and one.net > 0.0]

@@ -100,7 +100,7 @@ def _angular_acceleration(flight: Subject, rate: str, criteria: KinematicCriteri
     x = float(np.mean(lasts)) / time
     increments = float(np.mean(np.concatenate(squares))) - 2.0 * flight.sigma[rate] ** 2
     variance = increments / (2.0 * time**2 * (x - 1.0 + np.exp(-x)))
-    return max(criteria.peak * float(np.sqrt(max(variance, 0.0))), criteria.smallest_moment)
+    return max(flight.criteria.parts.twice * float(np.sqrt(max(variance, 0.0))), flight.sigma[rate] / time)
 
 
 _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})

@@ -59,7 +59,7 @@ class Turbulence:
     @property
     def along_all_axes(self) -> bool:
         """Return True if the statistic is large enough, and no single axis explains it."""
-        least = self.criteria.verdict.missing
+        least = self.criteria.missing
         one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.parts.tenth * self.gain)
         return self.gain > least and one_is_not_enough
 
@@ -83,7 +83,7 @@ def _in_air(flight: Subject, sigma: float, std: float, gain: float, beyond_one_a
         std=std,
         gain=gain,
         records=flight.names,
-        length=criteria.turbulence.scale_length,
+        length=criteria.kinematics.scale_length,
         beyond_one_axis=beyond_one_axis,
         criteria=criteria,
     )
@@ -111,8 +111,7 @@ def gusts(
     """
     aircraft = flight.aircraft
     speed = typical_speed(flight)
-    criteria = flight.criteria.turbulence
-    length = criteria.scale_length if length is None else length
+    length = flight.criteria.kinematics.scale_length if length is None else length
     processes = {name: (sigma, length / speed) for name in axes}
     mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
     for moment, scale in moments.items():
@@ -141,7 +140,6 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     What the air does above the band of the motion is in the noise that was measured there, which is too large. With a
     wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
     """
-    search = fitted.criteria.numerics.levels
     noise = fitted.held
     linear = fitted.linear
     dt = float(np.median(fitted.batch.dt))
@@ -173,8 +171,8 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
         bounds | dict.fromkeys(velocities, (0.0, np.inf)),
         deviance,
         [[name for name in velocities if name in WIND], *((name,) for name in velocities if name not in WIND), *alone],
-        search.factors[-1:],
-        search.sweeps,
+        fitted.criteria.parts.steps[-1:],
+        fitted.criteria.numerics.naming.trials,
         fitted.criteria.numerics.fit.rough[1],
     )
     return under(found, fitted.noise)
@@ -189,7 +187,8 @@ def _in_likeliest_form(flight: Subject, turbulent: Turbulence, start: FlightFit)
     approximate model of turbulence leaves.
     """
 
-    scales = flight.criteria.numerics.turbulence.rolling
+    third = flight.criteria.parts.third
+    scales = (third, 1.0, 1.0 / third)  # of the air's roll rate in MIL-F-8785C
     signs = dict(TURNING)
     far = False
 
@@ -261,10 +260,8 @@ def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
 
     The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.
     """
-    criteria = flight.criteria.turbulence
-    numerics = flight.criteria.numerics.turbulence
-    velocities = numerics.velocities
-    unknown = criteria.scale_length
+    velocities = flight.criteria.size.velocities
+    unknown = flight.criteria.kinematics.scale_length
     worse = flight.criteria.significance.search
     begin = velocities[len(velocities) // 2]
 
@@ -293,7 +290,7 @@ def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
     ends = side_by_side(best_along, (faster, slower))
     found, best = min(ends, key=lambda end: end[0].deviance)
     gain = max(calm.deviance - found.deviance, 0.0)
-    if gain < flight.criteria.verdict.missing:
+    if gain < flight.criteria.missing:
         return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
     along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
@@ -312,14 +309,14 @@ def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
         return judged
     # From here on, motion and velocity of the air are accurate enough for a linearisation, and no step is needed.
     # The records determine the strength of the process at short times, sigma^2 / length.
-    factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
+    factors = (velocities[1] / velocities[0]) ** np.array([-1.0, 0.0, 1.0])
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, step=False).deviance, factors.tolist())
-    factor, spread = _lowest(factors, by_length, numerics.beyond)
+    factor, spread = _lowest(factors, by_length, flight.criteria.parts.clearly)
     length = factor * unknown
     middle = best * factor**0.5
     sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
-    sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
+    sigma, narrow = _lowest(sigmas, by_velocity, flight.criteria.parts.clearly)
     std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.parts.tenth**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 

@@ -54,7 +54,7 @@ def kept(
     monkeypatch.setattr(held_out, "without", without)
     monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit))
     effect = SimpleNamespace(of_an_instrument=False, size=SimpleNamespace(stated=False))
-    required = Criteria().naming.gain
+    required = Criteria().significance.search
     rounds = [
         SimpleNamespace(
             leader=SimpleNamespace(

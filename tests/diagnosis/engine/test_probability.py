@@ -91,16 +91,16 @@ def test_equals_share_and_what_has_nothing_in_common_takes_nothing() -> None:
 def test_at_its_criterion_a_name_is_worth_its_risk() -> None:
     """There its odds are those of the costs of a wrong name and of a missed one; and so are those of a cause that falls
     just short of it, of the air, and of something unknown."""
-    required = CRITERIA.naming.gain
+    required = CRITERIA.significance.search
     named = probabilities([cause_of(LAG)], [], naming_of(round_of(trial_of(LAG, required))), [])
     assert named.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
     faint = probabilities([], [], naming_of(round_of(trial_of(LAG, required), named=False)), [])
     assert faint.there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
     assert faint.nothing == pytest.approx((1.0 - AT_CRITERION) * (1.0 - DOUBT))
     air = Attached(effect=turbulence(""), values={"value": 1.0})
-    moving = probabilities([cause_of(air, CRITERIA.verdict.missing)], [], naming_of(), [])
+    moving = probabilities([cause_of(air, CRITERIA.missing)], [], naming_of(), [])
     assert moving.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
-    unknown: Any = SimpleNamespace(station="dCm", gain=CRITERIA.verdict.missing)
+    unknown: Any = SimpleNamespace(station="dCm", gain=CRITERIA.missing)
     assert probabilities([], [unknown], naming_of(), [unknown]).entered == {
         "dCm": pytest.approx(AT_CRITERION * (1.0 - DOUBT))
     }
@@ -242,7 +242,7 @@ def test_explanations_hold_nothing_that_was_refused_and_agree_with_the_causes(
 
 TOO_MUCH: Any = SimpleNamespace(  # ten times the error of the right model is left
     unexplained=(),
-    criteria=CRITERIA.given,
+    criteria=CRITERIA.parts,
     budget=SimpleNamespace(together=BudgetSteps(as_given=20.0, data_mended=20.0, values=10.0, structure=10.0)),
 )
 
@@ -259,7 +259,7 @@ def test_what_was_refuted_is_no_rival() -> None:
 def test_nothing_faint_leaves_the_model_adequate() -> None:
     """A cause far below its criterion, and an unknown input far below its own."""
     little: Any = SimpleNamespace(station="dCL", gain=20.0)
-    found = probabilities([], [], naming_of(round_of(trial_of(LAG, 5.0), named=False)), [little])
+    found = probabilities([], [], naming_of(round_of(trial_of(LAG, 1.0), named=False)), [little])
     assert found.nothing == pytest.approx(1.0 - DOUBT, abs=1e-3)
     assert found.explanations[0][0] == ()
 
@@ -269,7 +269,7 @@ def test_values_have_those_of_other_causes_that_are_not_refused() -> None:
     is not in the model: its change, if it could be named. A cause with too little statistic has no part."""
 
     def trial(one: Attached, moved: float, value: float = 2.0) -> Trial:
-        enough = at_least("gain", value, 1.0, "naming.gain")
+        enough = at_least("gain", value, 1.0, "significance.search")
         return replace(trial_of(one, 300.0, fingerprint=ALONG), moved={"Cm_q": moved}, enough=enough)
 
     first, rival, apart = trial(LAG, 1.0), trial(DELAY, 1.5), trial(BIAS, -0.7)

@@ -46,9 +46,9 @@ def test_air_that_an_autopilot_answers_follows_no_input(seed: int) -> None:
     fit, air, aileron = flown(seed, late=0)
     assert coherence(air, aileron, nperseg=256)[1][1:30].max() > 0.3
     found = following(fit)  # pyright: ignore
-    assert found is not None and found.statistic < fit.criteria.verdict.missing
+    assert found is not None and found.statistic < fit.criteria.missing
     assert beyond_air(fit) == 0.0  # pyright: ignore
-    assert abs(found.statistic) < 5.0 * np.sqrt(2.0 * fit.criteria.numerics.fit.whiteness_lags)  # of chi-square
+    assert abs(found.statistic) < 5.0 * np.sqrt(2.0 * fit.criteria.numerics.samples_per_cycle)  # of chi-square
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -56,7 +56,7 @@ def test_a_late_aileron_that_is_taken_for_air_follows_the_aileron(seed: int) -> 
     fit, _, _ = flown(seed, late=5)
     found = following(fit)  # pyright: ignore
     assert found is not None and (found.output, found.input) == ("p", "delta_a")
-    assert beyond_air(fit) == found.statistic > fit.criteria.verdict.missing  # pyright: ignore
+    assert beyond_air(fit) == found.statistic > fit.criteria.missing  # pyright: ignore
     fit.noise.coloured = {}
     assert beyond_air(fit) == 0.0  # pyright: ignore
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from small_flight import NAMES, aircraft_file, records
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.flight.fit import fit
@@ -46,7 +47,7 @@ def bend(alpha: np.ndarray) -> np.ndarray:
 
 
 def test_a_bend_over_one_variable() -> None:
-    found = shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: bend(a), 2, 1), 1.1)
+    found = shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: bend(a), 2, 1), Criteria())
     assert found is not None and (found.over, found.times) == ("alpha", "")
     off = found.y - bend(found.x)
     assert np.abs(off - off.mean()).max() < 0.006  # twice the noise of one node; a constant is no part of a shape
@@ -60,7 +61,7 @@ def test_a_slope_that_depends_on_another_variable() -> None:
     def makes(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return 30.0 * a**2 * b
 
-    found = shape_of("Cl", histories(makes, 3), histories(makes, 4, 1), 1.1)
+    found = shape_of("Cl", histories(makes, 3), histories(makes, 4, 1), Criteria())
     assert found is not None and (found.over, found.times) == ("alpha", "beta")
     off = np.abs(found.y - 30.0 * found.x**2) / np.maximum(found.std, 1e-12)
     assert np.median(off) < 2.0
@@ -68,12 +69,17 @@ def test_a_slope_that_depends_on_another_variable() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_has_no_shape(seed: int) -> None:
-    assert shape_of("Cm", histories(lambda a, b: 0.0 * a, seed), histories(lambda a, b: 0.0 * a, 99, 1), 1.1) is None
+    assert (
+        shape_of("Cm", histories(lambda a, b: 0.0 * a, seed), histories(lambda a, b: 0.0 * a, 99, 1), Criteria())
+        is None
+    )
 
 
 def test_a_shape_that_held_out_records_do_not_have_is_dropped() -> None:
     """The bend of the fitted records is the other way on the one that is held out."""
-    assert shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: -bend(a), 2, 1), 1.1) is None
+    assert (
+        shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: -bend(a), 2, 1), Criteria()) is None
+    )
 
 
 def test_a_record_with_one_node_of_a_history_changes_no_shape() -> None:
@@ -85,10 +91,10 @@ def test_a_record_with_one_node_of_a_history_changes_no_shape() -> None:
     history = {first: whole.history[first]}
     one_node = tuple(series[:1] for series in whole.history[second])
     without, short = (replace(whole, history=some) for some in (history, {**history, second: one_node}))
-    (found,), (wanted,) = (shapes_of(fitted, fitted, [some], 0.0) for some in (short, without))
+    (found,), (wanted,) = (shapes_of(fitted, fitted, [some]) for some in (short, without))
     assert (found.over, found.times, found.held_out) == (wanted.over, wanted.times, wanted.held_out)
     np.testing.assert_array_equal(found.y, wanted.y)
-    assert shape_of("Cm", histories(lambda a, b: bend(a), 1), [], 1.1) is None
+    assert shape_of("Cm", histories(lambda a, b: bend(a), 1), [], Criteria()) is None
 
 
 def test_a_shape_flies_as_a_table_of_the_extended_file(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_a_scale_of_the_airspeed_is_found_whatever_the_size_of_free_moments() ->
     hidden = Attached(effect=sensor_scale("V"), values={"value": 0.06})
     flown, found = flights([hidden], seed=11, count=2), []
     for peak in (0.5, 2.0, 8.0):
-        criteria = replace(Criteria(), kinematics=replace(Criteria().kinematics, peak=peak))
+        criteria = replace(Criteria(), parts=replace(Criteria().parts, half=1.0 / peak))
         fit = kinematics.reconstruct(prepare(do328(), flown, criteria), [hidden.with_values({"value": 0.0})])
         found.append(fit[hidden.name])
         assert abs(found[-1] - 0.06) < 3.0 * fit.std(hidden.name)

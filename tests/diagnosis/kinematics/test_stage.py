@@ -34,7 +34,7 @@ def test_a_fault_that_is_far_from_the_data_leaves_the_noise_as_read() -> None:
     left there hid it: a lag was named in its place, and two scale errors."""
     flight = as_read(do328(), flights([LATE], seed=4))
     calm = fit(flight, (), flight.noise(), extent="settled")
-    assert is_far(calm, flight.criteria.given.fails**2)
+    assert is_far(calm, flight.criteria.parts.tenfold**2)
     assert comes_near(flight, ())
 
 
@@ -44,7 +44,7 @@ def test_noise_that_the_records_hide_is_not_as_read(flight_data) -> None:
     flight = real_flight("tu144 4d", flight_data.parent)
     flown = as_read(flight.aircraft, list(flight.records))
     calm = fit(flown, (), flown.noise(), extent="settled")
-    assert is_far(calm, flown.criteria.given.fails**2)
+    assert is_far(calm, flown.criteria.parts.tenfold**2)
     assert not comes_near(flown, ())
 
 

@@ -54,8 +54,8 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Hovering):
     subject, model = hovering
     rng, usual, ill = np.random.default_rng(2), subject.noise(), 0
     numerics = subject.criteria.numerics
-    rough = replace(numerics, levels=replace(numerics.levels, factors=(4.0,), sweeps=1))
-    criteria = replace(subject.criteria, numerics=rough)
+    few = replace(numerics, naming=replace(numerics.naming, trials=1))
+    criteria = replace(subject.criteria, numerics=few)
     for _ in range(12):
         drawn = {
             part: {name: value * 10.0 ** rng.uniform(*decades) for name, value in table.items()}
