@@ -14,6 +14,7 @@ import numpy as np
 
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import FEWEST_KNOWN, Read
+from casid.model.path import GROUND
 
 Pair = tuple[np.ndarray, np.ndarray]
 Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
@@ -96,6 +97,30 @@ def _climb(c: Read, g: float) -> Pair:
     return c.rate("altitude"), c.value("V") * climbing
 
 
+def _over_ground(axis: int) -> Callable[[Read, float], Pair]:
+    """Rate of a velocity over ground, and the acceleration along that axis: north, east, down."""
+
+    def sides(c: Read, g: float) -> Pair:
+        forward, right, below = _gravity(c, g)
+        phi = c.value("phi")
+        theta = c.value("theta")
+        across = right * np.cos(phi) - below * np.sin(phi)  # level, to the right of the heading
+        under = right * np.sin(phi) + below * np.cos(phi)
+        down = under * np.cos(theta) - forward * np.sin(theta)
+        if axis == 2:
+            return c.rate(GROUND[axis]), down
+        ahead = forward * np.cos(theta) + under * np.sin(theta)
+        psi = c.value("psi")
+        along = (ahead * np.cos(psi) - across * np.sin(psi), ahead * np.sin(psi) + across * np.cos(psi))
+        return c.rate(GROUND[axis]), along[axis]
+
+    return sides
+
+
+def _travelled(place: str, velocity: str) -> Callable[[Read, float], Pair]:
+    return lambda c, g: (c.rate(place), c.value(velocity))
+
+
 def _of_rate(rate: str) -> Callable[[Read, float], Pair]:
     return lambda c, g: (c.rate(rate), c.value(f"{rate}dot"))
 
@@ -146,6 +171,15 @@ RELATIONS: tuple[Relation, ...] = (
         uses=("V", "alpha", "beta", *_RATES, *_ATTITUDE, *_FORCES),
         sides=_sideslip,
         errors=_vane(("r", "p"), "alpha"),
+    ),
+    *(
+        Relation(name=name, needs=(name, *_FORCES, *_ATTITUDE, *heading), uses=uses, sides=_over_ground(axis))
+        for axis, (name, heading) in enumerate(zip(GROUND, (("psi",), ("psi",), ()), strict=True))
+        for uses in ((name, *_FORCES, *_ATTITUDE, *heading),)
+    ),
+    *(
+        Relation(name=place, needs=(place, velocity), uses=(place, velocity), sides=_travelled(place, velocity))
+        for place, velocity in zip(("north", "east"), GROUND[:2], strict=True)
     ),
     Relation(
         name="altitude",

@@ -22,7 +22,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.causes.instruments import accelerometer_position
 from casid.model.dynamics import standard_density
-from casid.model.path import aerodynamic_parameters, speed_of_sound
+from casid.model.path import GROUND, aerodynamic_parameters, speed_of_sound
 from casid.model.terms import derivative_term, parse_term
 from casid.model.usual_derivatives import USUAL_DERIVATIVES, missing_derivatives
 from casid.records.record import Record
@@ -101,7 +101,11 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "+".join(SURFACES): SURFACES,
 }
 INSTRUMENTS = tuple(GROUPS[name] for name in ("p+q+r", "ax+ay+az", "pdot+qdot+rdot"))  # axes of one instrument
-_SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
+_SIGNED = (
+    *("alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "pdot", "qdot", "rdot", "north", "east"),
+    *GROUND,
+    *SURFACES,
+)
 
 
 def _pairs(group: tuple[str, ...]) -> Iterable[tuple[str, str]]:
@@ -114,6 +118,8 @@ _SWAPPED = (
     ("alpha", "beta"),
     ("alpha", "theta"),
     ("beta", "phi"),
+    GROUND[:2],
+    ("north", "east"),
 )
 
 
@@ -162,6 +168,8 @@ def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> li
         elif members in INSTRUMENTS and len(some := tuple(name for name in members if name in there)) > 1:
             found += _units("+".join(some), some)
     found += [_swap(a, b) for a, b in _SWAPPED if {a, b} <= there]
+    if {"north", "east", *GROUND[:2]} <= there:
+        found.append(_swap("north", "east", *GROUND[:2]))
     found += [_time(factor, unit) for unit, factor in TIMES.items()]
     return [*found, *(_time(factor, None) for factor in stretched)]
 
@@ -192,8 +200,12 @@ def accelerometer(axis: str, value: float) -> Alternative:
     )
 
 
-def _swap(a: str, b: str) -> Alternative:
-    return Alternative(kind="data_swap", target=f"{a}+{b}", reading=Reading(source={a: b, b: a}))
+def _swap(*names: str) -> Alternative:
+    """One or more pairs of channels, each interchanged."""
+    source = {}
+    for a, b in zip(names[::2], names[1::2], strict=True):
+        source |= {a: b, b: a}
+    return Alternative(kind="data_swap", target="+".join(names), reading=Reading(source=source))
 
 
 def _time(factor: float, unit: str | None) -> Alternative:

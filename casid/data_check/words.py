@@ -55,7 +55,9 @@ def of_alternative(
     if kind == "data_sign":
         return f"The recorded {label} has the wrong sign in {where}"
     if kind == "data_swap":
-        return f"The records of {label} are interchanged in {where}"
+        names = target.split("+")
+        pairs = zip(names[::2], names[1::2], strict=True)
+        return f"The records of {', and of '.join(map(named, map('+'.join, pairs)))} are interchanged in {where}"
     if kind == "data_gravity":
         return f"The recorded {label} does not contain gravity in {where}"
     if target == "t":

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import integrate
 
 import casid as cs
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import Read, Reading, smooth
 from casid.data_check.relations import RELATIONS, agreement
+from casid.model.path import GROUND
 from casid.records.record import Record
 from problems.every_problem import DEMO
 
@@ -31,6 +35,7 @@ OUTPUTS = (
     "qdot",
     "rdot",
     "altitude",
+    *GROUND,
 )
 
 
@@ -45,7 +50,12 @@ def flight() -> Record:
     flown = cs.simulate(
         cs.aircraft_model(plane, outputs=OUTPUTS), Record(name="m", t=t, channels=inputs), [*level.state, 0.3, 2500.0]
     )
-    return flown.as_record("m")
+    record = flown.as_record("m")
+    places = {
+        name: integrate.cumulative_trapezoid(record[velocity], record.t, initial=0.0)
+        for name, velocity in zip(("north", "east"), GROUND[:2], strict=True)
+    }
+    return record.with_channels(**places)
 
 
 def read(record: Record, relation, reading: Reading | None = None) -> Read:
@@ -97,3 +107,18 @@ def test_a_scale_that_instruments_have_is_no_question_of_units(scale: float, fli
     found = agreement(relation, read(flight, relation, Reading(factor={"theta": scale})), G, BY)
     assert found is not None
     assert (found.unlike < 0.02) == (1.0 / BY.own_scale < scale < BY.own_scale)
+
+
+@pytest.mark.parametrize("pairs", [("north", "east", *GROUND[:2]), GROUND[:2], ("north", "east")], ids="+".join)
+def test_north_and_east_interchanged_are_told(pairs: tuple[str, ...], flight: Record) -> None:
+    """Truth: a frame of the earth is right-handed, and specific force says where its axes are. A flight near north
+    shows it; nothing is found as long as they are right."""
+    rng = np.random.default_rng(7)
+    noisy = {name: x + 1e-3 * np.std(x) * rng.standard_normal(len(x)) for name, x in flight.channels.items()}
+    flight = replace(flight, channels=noisy)
+    assert not cs.check([flight]).findings
+    wrong = {}
+    for a, b in zip(pairs[::2], pairs[1::2], strict=True):
+        wrong |= {a: flight[b], b: flight[a]}
+    found = cs.check([flight.with_channels(**wrong)]).findings
+    assert [(one.kind, one.target, one.handled) for one in found] == [("data_swap", "+".join(pairs), "corrected")]
