@@ -259,7 +259,10 @@ class Weighing:
 
     def _flies(self, alternative: Alternative) -> bool:
         """Return True if no channel that becomes larger, or that is read in the place of another, leaves the limits of
-        readers and models."""
+        readers and models, and no record becomes shorter than what gravity and drag take to show."""
+        longest = max((one.duration for one in self._quick), default=0.0)
+        if alternative.reading.time * longest < self._criteria.slow <= longest:
+            return False
         factor = alternative.reading.factor
         source = alternative.reading.source
         changed = {*source, *(name for name, by in factor.items() if abs(by) > 1.0)}

@@ -44,7 +44,8 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
     sigma = math.hypot(criteria.fair, criteria.fair * criteria.usual_v / (g * c.duration))
-    return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) if at.any() else 0.0
+    spread = math.log(sigma / criteria.fair)  # in another unit of time the record may be too short to tell
+    return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) - spread if at.any() else 0.0
 
 
 def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:

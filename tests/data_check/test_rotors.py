@@ -92,3 +92,10 @@ def test_a_battery_that_the_file_needs_is_missed() -> None:
     assert "battery" in {one.target for one in found}
     there = flight(8).with_channels(battery=np.linspace(4.1, 3.9, 2000))
     assert cs.check([there], replace(needs)).clean
+
+
+def test_acceleration_without_gravity_is_no_other_unit_of_time() -> None:
+    """In milliseconds 20 s were a record too short to feel its weight, which says nothing of the time."""
+    record = flight(7)
+    (found,) = cs.check([record.with_channels(az=record["az"] + G)], aircraft()).findings
+    assert (found.kind, found.target, found.handled) == ("data_gravity", "az", "corrected")
