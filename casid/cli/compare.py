@@ -16,7 +16,7 @@ from casid.data_check.check import check
 from casid.diagnosis.document import Called, NextStep
 from casid.errors import InputError
 from casid.report.compare_page import bars_of_diagnoses, bars_of_flights, table_of_flights, tables_of_diagnoses
-from casid.report.result_page import BAD, GOOD, NEUTRAL, Answer, write_result
+from casid.report.result_page import BAD, GOOD, Answer, write_result
 
 
 def compare(
@@ -71,7 +71,7 @@ def _write_diagnoses(found: Comparison, folder: Path) -> None:
         colour=BAD if found.worse else GOOD,
     )
     parts = [bars_of_diagnoses(found), *tables_of_diagnoses(found)]
-    write_result(folder, "compare", f"{found.names[0]} and {found.names[1]}", answer, parts)
+    write_result(folder, "compare", f"Comparison of diagnoses: {found.names[0]}, then {found.names[1]}", answer, parts)
 
 
 def _write_flights(found: Fleet, folder: Path, called: Called) -> None:
@@ -82,8 +82,7 @@ def _write_flights(found: Fleet, folder: Path, called: Called) -> None:
     answer = Answer(
         badge="Changed" if found.changed else "The same",
         sentence=found.sentence,
-        next=(step,) if found.changed else (),
-        colour=NEUTRAL if found.changed else GOOD,
+        next=(step,),
     )
     parts = [bars_of_flights(found), table_of_flights(found)]
     write_result(folder, "compare", f"{len(found.flights)} flights of {found.aircraft}", answer, parts)

@@ -137,11 +137,12 @@ def _telling(experiment: Experiment, shape: str, criterion: str, seed: int, stag
     designs[shape] = design_input(experiment, SHAPES[shape], criterion=criterion, seed=seed)
     records = {name: one.record for name, one in designs.items()}
     ratios = [designs[shape].std[name] / std for name, std in designs["3-2-1-1"].std.items() if std > 0.0]
-    ratio = math.exp(float(np.mean(np.log(ratios)))) if ratios else math.nan
+    ratio = digits(math.exp(float(np.mean(np.log(ratios)))) if ratios else math.nan, 2)
+    these = f"The standard errors of the {len(ratios)} derivatives"
     return Designed(
         experiment=experiment,
         records=records,
-        gain=f"1σ of the {len(ratios)} derivatives is on average {digits(ratio, 2)} times that of a standard 3-2-1-1.",
+        gain=f"{these} are on average {ratio} times those of a standard 3-2-1-1.",
         title=f"Designed manoeuvre: {shape}",
         picture=designed_histories("design", records, [*experiment.surfaces, *experiment.limits]),
         content=document(experiment, designs),
@@ -184,11 +185,11 @@ def _separating(file: Aircraft, separate: Sequence[str], limits: Limits, stage: 
     found = separating_manoeuvre(rivals, experiment)
     if isinstance(found, NoManoeuvre):
         raise InputError(f"--separate: {found.reason}")
-    expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
+    expected = f"Expected log of the odds: {expectation_in_words(found.separation)}, from flight to flight."
     return Designed(
         experiment=experiment,
         records={"next_flight": found.flown},
-        gain=f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}",
+        gain=f"The {manoeuvre_in_words(found)}, {odds_in_words(found.separation)}. {expected}",
         title=f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}",
         picture=separated(found, rivals),
         content={

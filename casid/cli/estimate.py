@@ -174,7 +174,8 @@ def answer_of(fit: Fit, called: Called) -> Answer:
     """Return what an estimate begins with: its verdict, why, and what to do next."""
     worst = min(fit.channels, key=lambda name: fit.channels[name].R2, default="")
     least = f", least R2 {fit.channels[worst].R2:.3g} ({worst})" if worst else ""
-    count = f"{len(fit.values)} parameters from {len(fit.problem.records)} records"
+    records = len(fit.problem.records)
+    count = f"{len(fit.values)} parameters from {records} record{'s' * (records != 1)}"
     again = f"{called.records} --aircraft {called.aircraft}"
     if fit.verdict == USABLE:
         text = "Fly the estimates beside the file as given, on a record that was not fitted:"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Begin, End, Folder, Maps, records_of, require_words
+from casid.diagnosis.document import NextStep
 from casid.frames import Rows
 from casid.records.readers import write_record
 from casid.records.record import Record
@@ -45,12 +47,13 @@ def segments(
     require_words(logs, "LOG", "segments LOG ... [--out DIR]")
     records = records_of(logs, maps, span=(begin, end))
     found = {record.name: found_in(record) for record in records}
+    answer = answer_of(found, out)
     text = json.dumps(_document(found), indent=1)
     if out is not None:
         with whole_folder(out) as folder:
-            _write(records, found, folder)
+            _write(records, found, folder, answer)
             (folder / "segments.json").write_text(text + "\n", encoding="utf-8")
-    print(text if as_json else f"{answer_of(found)}\n\n{_table(found)}")
+    print(text if as_json else f"{answer}\n\n{_table(found)}")
     return 0 if any(found.values()) else 1
 
 
@@ -59,16 +62,16 @@ def _document(found: Mapping[str, Sequence[Segment]]) -> dict[str, Any]:
     return {"schema": "casid.segments/1", "logs": logs}
 
 
-def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], folder: Path) -> None:
+def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], folder: Path, answer: Answer) -> None:
     for record in records:
         for number, one in enumerate(found[record.name], 1):
             name = f"{file_name(record.name)}_{number}"
             write_record(record.between(one.start, one.stop, name), folder / f"{name}.csv")
     parts = [*(segment_figure(record, found[record.name]) for record in records), in_numbers(_table(found))]
-    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", answer_of(found), parts)
+    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", answer, parts)
 
 
-def answer_of(found: Mapping[str, Sequence[Segment]]) -> Answer:
+def answer_of(found: Mapping[str, Sequence[Segment]], out: Path | None = None) -> Answer:
     """Return how many manoeuvres were found, of which axes, and what to do with them."""
     every = [one for some in found.values() for one in some]
     axes = Counter("+".join(one.axes) for one in every)
@@ -78,10 +81,14 @@ def answer_of(found: Mapping[str, Sequence[Segment]]) -> Answer:
     if not every:
         return Answer(badge="Nothing found", sentence=f"No manoeuvre stands out in {logs}.", colour=BAD)
     seconds = math.fsum(one.stop - one.start for one in every)
+    first = next(name for name, some in found.items() if some)
+    command = f"casid diagnose {shlex.quote(f'{out}/*.csv')} --aircraft FILE"
+    step = NextStep(text="Diagnose the simulation with the manoeuvres alone:", command=command)
     return Answer(
         badge=f"{len(every)} manoeuvres" if len(every) > 1 else "1 manoeuvre",
-        sentence=f"{told}: {seconds:.0f} s of {logs}. Each is a record of its own, LOG_1.csv and so on.",
+        sentence=f"{told}: {seconds:.0f} s of {logs}. Each is a record of its own, {file_name(first)}_1.csv and so on.",
         points=tuple(f"{name}: no manoeuvre stands out." for name in idle),
+        next=(step,) if out else (),
     )
 
 

@@ -46,11 +46,11 @@ def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
         marked=where("" in one.sizes for one in found.causes),
         caption="Causes that were named, with size and probability",
     )
-    differing = [_value(one) for one in found.values if one.differs]
+    differing = [one for one in found.values if one.differs]
     values = ReportTable(
         head=("parameter", "as given", "by the records"),
-        rows=differing,
-        marked=range(len(differing)),
+        rows=list(map(_value, differing)),
+        marked=where(one.sigmas > 3.0 for one in differing),
         caption="Values that were changed in the file, or of which the records say something else: more than three "
         "standard deviations apart",
     )
@@ -64,8 +64,8 @@ def table_of_flights(found: Fleet) -> ReportTable:
     rows = [
         {
             "record": one.record,
-            "s": f"{one.duration:.0f}",
-            "error": _error(one.error),
+            "length [s]": f"{one.duration:.0f}",
+            "error / noise": _error(one.error),
             "worst channel": f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
             "estimate": one.verdict,
             "what differs": pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",

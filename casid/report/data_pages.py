@@ -100,7 +100,7 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
         name=f"segments_{file_name(record.name)}",
         figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"{record.name}: manoeuvres",
-        caption="Surfaces and rates of rotation. Shaded and numbered as in the table: the manoeuvres that were found.",
+        caption="Surfaces and rates of rotation. Shaded: the manoeuvres that were found, numbered as their files.",
         alt=f"{len(found)} manoeuvres in {record.name}.",
     )
 
@@ -135,7 +135,7 @@ def _channel_table(found: DataFindings) -> ReportTable:
         }
         for row in found.table
     ]
-    told = "Every channel of all records; suspected ones are marked. Noise: what the high band shows as white."
+    told = "Every channel of all records; suspected ones are marked. Noise: the scatter from sample to sample."
     return ReportTable.of(rows, told, numeric=True, marked=where(row.name in suspected for row in found.table))
 
 
@@ -171,7 +171,7 @@ def _errors(found: Compatibility) -> ReportTable:
         factor, unit = for_a_person(one.unit)
         row = {
             "error": f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
-            "value": "not determined" if one.stated is None else digits(factor * one.stated),
+            "value": "not determined" if one.stated is None else to_noise(factor * one.stated, factor * one.std),
             "1σ": digits(factor * one.std, 2),
             "allowed": digits(factor * one.allowed, 2),
             "unit": pretty(unit),

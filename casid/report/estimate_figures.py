@@ -31,13 +31,15 @@ def histories(
     *,
     given: str | None = None,
     axis: Axis = TIME,
+    units: Mapping[str, str | None] | None = None,
 ) -> Picture:
     """Return measured (N, channels) and, by label, what models give (N, channels), one panel per channel.
 
     The model called `given`, or the first of several, is that as given. `inputs`, by channel (N,), stand in panels
-    below. Where `t` is no time, `axis` names it.
+    below. Where `t` is no time, `axis` names it. `units`: of channels that have another one than their names say.
     """
     inputs = inputs or {}
+    units = units or {}
     drawn_so = looks.of_models(curves, given)
     outputs = [
         history(
@@ -45,10 +47,14 @@ def histories(
             t,
             {looks.MEASURED: measured[:, i]} | {drawn_so[label]: one[:, i] for label, one in curves.items()},
             x=axis,
+            unit=units.get(channel),
         )
         for i, channel in enumerate(channels)
     ]
-    below = [history(name, t, {looks.INPUT: values}, x=axis, height=_INPUT_HEIGHT) for name, values in inputs.items()]
+    below = [
+        history(name, t, {looks.INPUT: values}, x=axis, height=_INPUT_HEIGHT, unit=units.get(name))
+        for name, values in inputs.items()
+    ]
     beside = 2 if max(len(channels), len(inputs)) > 1 else 1
     drawn = ", ".join(["measured", *curves])
     return Picture(
@@ -130,15 +136,15 @@ def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, 
     """
     base = dict(zip(names, (value for value, _ in methods[reference]), strict=True))
     groups = (
-        (f"value over that of: {reference} (bars: 2 standard errors)", [n for n in names if base[n] != 0.0]),
-        (f"value over its standard error ({reference}: 0)", [n for n in names if base[n] == 0.0]),
+        (f"value / {reference} value (bars: ±2 standard errors)", [n for n in names if base[n] != 0.0]),
+        (f"value / its standard error ({reference} value: 0)", [n for n in names if base[n] == 0.0]),
     )
     panels = [_estimate_rows(label, names, rows, methods, base) for label, rows in groups if rows]
     return Picture(
         name="estimates",
         figure=Figure(rows=stacked(panels), linked=False),
         title="Estimates",
-        caption=f"Estimates over those of {reference}, with 2 sigma; 1 is the same, below 0 the opposite sign.",
+        caption=f"1: the {reference} value itself; below 0: the opposite sign. Bars: ±2 standard errors.",
         alt=f"Estimates of {', '.join(names)} by {', '.join(methods)}.",
     )
 

@@ -305,11 +305,14 @@ def history(
     x: Axis = TIME,
     title: str = "",
     height: float = 1.35,
+    unit: str | None = None,
 ) -> Panel:
-    """Return a panel of a channel in the unit that people read: curves (N,) by look, what is measured first."""
-    factor = channel_scale(channel)[0]
+    """Return a panel of a channel in the unit that people read, or as it is in a `unit` of its own: curves (N,) by
+    look, what is measured first."""
+    factor = channel_scale(channel)[0] if unit is None else 1.0
+    label = channel_axis(channel) if unit is None else f"{channel} [{unit}]" if unit else channel
     parts = tuple(Curve(look=look, x=t, y=factor * values) for look, values in curves.items())
-    return Panel(parts=parts, x=x, y=Axis(label=channel_axis(channel)), title=title, height=height)
+    return Panel(parts=parts, x=x, y=Axis(label=label), title=title, height=height)
 
 
 def thinned(x: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:

@@ -162,6 +162,7 @@ def _left_out(document: Document, name: str, record: str) -> list[tuple[float, f
 _DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
 _WINDOW = 14.0  # s
 _RECORDS = 4  # held-out records of a system that are drawn
+_FLOWN = 0.9  # of the samples of a simulation that does not diverge; the others are left out of the fit
 
 
 def misfit(view: Simulated) -> dict[str, float]:
@@ -210,7 +211,7 @@ def worst_channel(document: Document) -> Picture | None:
         name="worst",
         figure=Figure(rows=((replace(panel, height=2.0),),), width=WIDE),
         title=f"The worst channel: {label} in {record.name}, which no fit has seen",
-        caption=pretty(f"{FirstScreen.of(document).worst}. Open-loop simulation with the recorded inputs."),
+        caption=pretty(f"{FirstScreen.of(document).worst}. {simulated(document)}."),
         alt=f"Time history of {label} in {record.name}: measured, by the file as given, and by the {document.best}.",
     )
 
@@ -226,7 +227,24 @@ def compared(document: Document, channel: str, r: int, window: slice, *, held_ou
         looks.GIVEN: before.output[window, r, i],
         looks.EXTENDED.called(document.best): after.output[window, r, i],
     }
-    return history(channel, record.t[window], curves, title=label_of(channel), height=1.6)
+    unit = own_unit(document, channel)
+    title = label_of(channel) if unit is None else ""
+    return history(channel, record.t[window], curves, title=title, height=1.6, unit=unit)
+
+
+def own_unit(document: Document, channel: str) -> str | None:
+    """Return the unit of a channel of a system, "" for none; None of an aircraft, whose channels are known by name."""
+    return None if document.coefficients or document.aircraft else document.as_given.units.get(channel, "")
+
+
+def simulated(document: Document) -> str:
+    """Say what is beside a measurement: no simulation follows a multirotor, which its controller keeps in flight."""
+    predicted = document.aircraft and not document.coefficients
+    return (
+        "Each reading as predicted from those before it"
+        if predicted
+        else "Open-loop simulation with the recorded inputs"
+    )
 
 
 def flown_again(document: Document) -> Iterator[Picture]:
@@ -238,9 +256,10 @@ def flown_again(document: Document) -> Iterator[Picture]:
         inputs = {name: record[name] for name in given.inputs}
         at = given.index(outputs)
         flown = {label: view.output[: len(record), r][:, at] for label, view in views.items()}
-        curves = {label: one if np.isfinite(one).all() else np.full_like(one, np.nan) for label, one in flown.items()}
+        curves = {label: one for label, one in flown.items() if np.isfinite(one).mean() > _FLOWN}
+        units = {name: own_unit(document, name) for name in (*outputs, *inputs)}
         picture = estimate_figures.histories(
-            record.name, record.t, outputs, record.matrix(outputs), curves, inputs=inputs
+            record.name, record.t, outputs, record.matrix(outputs), curves, inputs, given="as given", units=units
         )
         yield replace(
             picture,

@@ -16,7 +16,7 @@ from casid.report.figure import WIDE, Axis, Cells, Figure, Note, Panel, Picture,
 from casid.report.result_page import Answer, write_result
 from casid.report.sections import ReportTable, Section
 from casid.report.svg import shown
-from casid.report.words import digits, effect_name, pretty, probability_in_words, quantity
+from casid.report.words import effect_name, pretty, probability_in_words, quantity
 from casid.signals import label_of
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
@@ -26,6 +26,7 @@ _SURE = 0.95
 _HARDLY = 0.05
 _APART = "Detected and rightly named in more than 95 % of flights"
 _UNSEEN = "Detected in less than 5 % of flights at the size that matters; in brackets the smallest size that shows"
+_NO_SIZE = 1e6  # of the size that matters
 _MOST = 48  # causes in the matrix: more cannot be read
 
 
@@ -37,12 +38,13 @@ def plot(found: Isolability) -> Any:
 def matrix(found: Isolability) -> Picture:
     """Return which cause, when it is there at the size that matters, is taken for which."""
     chosen = _shown(found)
+    side = 0.19 * len(chosen) + 0.07 * max((len(_label(name)) for name in chosen), default=0)
     pairs = [(a, b, p) for a, one in found.causes.items() for b, p in one.confusion.items()]
     worst = max(pairs, key=lambda pair: pair[2], default=None)
     said = f" Most alike: {_label(worst[0])} and {_label(worst[1])}, {100.0 * worst[2]:.0f} %." if worst else ""
     return Picture(
         name="isolability",
-        figure=Figure(rows=((_matrix(found, chosen),),), width=WIDE),
+        figure=Figure(rows=((_matrix(found, chosen, 0.6 + side),),), width=min(WIDE, 0.9 + side)),
         title="What can be taken for what",
         caption="Row: the cause that is there, at the size that matters. Column: what explains the data better, in per "
         "cent of such flights; 50 is a toss of a coin. Only causes that are detected in most flights and that may be "
@@ -77,7 +79,7 @@ def sentence(found: Isolability) -> str:
     seen = sum(one.detection > 0.5 for one in found.causes.values())
     return (
         f"{seen} of {len(found.causes)} causes are detected at the size that matters in more than half of the flights. "
-        f"On average a cause is rightly named in {100.0 * found.told:.0f} % of flights."
+        f"On average a cause is rightly named in {100.0 * found.told:.1f} % of flights."
     )
 
 
@@ -108,7 +110,7 @@ def _wrapped(lines: Iterable[str]) -> list[str]:
 
 def smallest(one: IsolableCause) -> str:
     """Say the smallest size that is detected."""
-    return quantity(one.smallest, one.unit) if np.isfinite(one.smallest) else "at no size"
+    return quantity(one.smallest, one.unit) if one.smallest < _NO_SIZE * one.matters else "at no size"
 
 
 def rivals(one: IsolableCause) -> str:
@@ -128,7 +130,7 @@ def addition(one: Addition, told: float) -> str:
     """An addition in words, with what it gains."""
     surface, colon, moves = one.what.partition(": ")
     what = f"channel {one.what}" if one.kind == "channel" else label_of(surface) + colon + moves
-    return f"{what}: right in {digits(100.0 * one.told)} instead of {digits(100.0 * told)} per cent of flights"
+    return f"{what}: right in {100.0 * one.told:.1f} instead of {100.0 * told:.1f} % of flights"
 
 
 def _shown(found: Isolability) -> list[str]:
@@ -147,7 +149,7 @@ def _shown(found: Isolability) -> list[str]:
     return ordered
 
 
-def _matrix(found: Isolability, chosen: Sequence[str]) -> Panel:
+def _matrix(found: Isolability, chosen: Sequence[str], height: float) -> Panel:
     if not chosen:
         note = Note(text="every cause is told apart from all others", x=0.5, y=0.5, align="center")
         return Panel(parts=(note,), x=Axis(low=0.0, high=1.0), y=Axis(low=0.0, high=1.0), bare=True)
@@ -160,7 +162,7 @@ def _matrix(found: Isolability, chosen: Sequence[str]) -> Panel:
         parts=(Cells(values=table, scale=Scale(low=0.0, high=60.0, colours="Blues"), texts=told),),
         x=Axis(label="taken for", names=labels),
         y=Axis(label="there, at the size that matters", names=labels),
-        height=1.4 + 0.19 * len(chosen),
+        height=height,
         square=True,
     )
 

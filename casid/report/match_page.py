@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from casid.acceptance.justification import Rationale, rationale_of
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
+from casid.diagnosis.document import NextStep
 from casid.errors import unknown
 from casid.records.channel_faults import stretches
 from casid.report import looks
@@ -151,8 +152,19 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
         "tests": [_page(one, why, figures) for one, why in explained],
         "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not proved",
         "sentence": proof.sentence,
+        "next": list(_next(proof)),
     }
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
+
+
+def _next(proof: ProofOfMatch) -> Iterator[NextStep]:
+    """Yield what brings the proof further: the cause of what is out of tolerance, and flights as the standard asks."""
+    if any(one.passed is False for one in proof.tests):
+        command = "casid diagnose RECORD ... --aircraft FILE --out OUT"
+        yield NextStep(text="Find what the model lacks where it is out of tolerance:", command=command)
+    unmet = dict.fromkeys(f"{one.test.id} {one.test.title}" for one in proof.tests if one.unmet)
+    if unmet:
+        yield NextStep(text=f"Fly again as the standard asks; each sheet states what was not met: {', '.join(unmet)}.")
 
 
 def _summary(proof: ProofOfMatch) -> ReportTable:
@@ -184,7 +196,7 @@ def _justified(found: Sequence[Rationale], lost: int) -> str:
 def _conditions(one: MatchedTest) -> ReportTable:
     words = {True: "met", False: "NOT MET", None: "not known"}
     rows = [
-        {"condition": each.name, "asked": each.asked, "found": each.found, "": words[each.met]}
+        {"condition": each.name, "asked": each.asked, "found": each.found, "result": words[each.met]}
         for each in one.conditions
     ]
     return ReportTable.of(rows, "Conditions of the test", marked=where(each.met is False for each in one.conditions))
@@ -278,7 +290,7 @@ def _compared(one: MatchedTest, of_quantities: bool) -> ReportTable:
                 own = {"simulation": label, "largest deviation": deviation, "at [s]": at, "time out [s]": out}
             first = common if place == 0 else dict.fromkeys(common, "")
             outcome = _VERDICTS[check.passed] + (f": {check.why}" if check.why else "")
-            rows.append({**first, **own, "tolerance used": _used(check.used), "": outcome})
+            rows.append({**first, **own, "tolerance used": _used(check.used), "result": outcome})
             failed.append(check.passed is False)
     told = "Derived quantities, measured from both in the same way" if of_quantities else "Time histories"
     return ReportTable.of(rows, told, numeric=not of_quantities, marked=where(failed))
@@ -305,7 +317,7 @@ def _used(value: float) -> str:
     """Format in per cent, and more closely near the limit: at 100 % a row passes."""
     if not math.isfinite(value):
         return "–"
-    return f"{100.0 * value:.2f} %" if 0.99 < value < 1.01 else f"{100.0 * value:.0f} %"
+    return f"{100.0 * value:.2f}\u00a0%" if 0.99 < value < 1.01 else f"{100.0 * value:.0f}\u00a0%"
 
 
 def _costs(one: MatchedTest) -> ReportTable:

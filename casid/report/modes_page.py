@@ -84,7 +84,7 @@ def _modes(found: Mapping[str, Handbook], title: str, names: set[str]) -> Panel:
     high = max((one.imag for one in places), default=1.0) or 1.0
     return Panel(
         parts=tuple(parts),
-        x=Axis(label="decay σ [1/s]"),
+        x=Axis(label="decay σ [1/s]", step=0.1 if "roll" in names else None),
         y=Axis(label="ω [rad/s]", low=-0.12 * high),
         title=title,
         height=2.7,
@@ -112,7 +112,12 @@ def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | 
     """Write `modes.html` and `modes_figures/*.svg` into `folder`, which is made."""
     first = next(iter(found.values()))
     point = f"V = {digits(first.flight['V'])} m/s, density {digits(first.flight['rho'])} kg/m³"
-    sentence = f"Steady straight flight at {point}, stick fixed, constant thrust."
+    told = [f"{label}: {_stability(one)}" for label, one in found.items()]
+    answer = Answer(
+        badge="",
+        sentence=told[0],
+        points=(*told[1:], f"Steady straight flight at {point}, stick fixed, constant thrust."),
+    )
     parts = [
         [pretty(one) for one in _notes(found)],
         _numbers(found),
@@ -121,7 +126,16 @@ def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | 
         *(_theil(record, table) for record, table in theil.items()),
     ]
     title = f"Handbook numbers: {first.aircraft}"
-    write_result(folder, "modes", title, Answer(badge="", sentence=sentence), parts, "modes_figures")
+    write_result(folder, "modes", title, answer, parts, "modes_figures")
+
+
+def _stability(found: Handbook) -> str:
+    """State which modes grow, and how fast, and the static margin."""
+    grows = {name: mode.numbers for name, mode in found.modes.items() if mode.eigenvalue.real > 0.0}
+    told = [f"the {n} grows and doubles in {_cell(numbers.get('time_to_double'))}" for n, numbers in grows.items()]
+    modes = f"{' and '.join(told)}; every other mode decays" if told else "every mode decays"
+    margin = found.numbers.get("static_margin")
+    return modes + (f". Static margin {_cell(margin)}." if margin else ".")
 
 
 def _notes(found: Mapping[str, Handbook]) -> list[str]:

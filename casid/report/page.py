@@ -118,7 +118,8 @@ class Report:
         failed = list(document.failed)
         with noting(failed, "next flight"):
             following = next_flights(document)
-        lead = next(iter(_made(failed, worst_channel, document)), None)
+        leads = (worst_channel,) if document.coefficients else (rotors_from_above, worst_channel)
+        lead = next((one for make in leads for one in _made(failed, make, document)), None)
         every = _sections(document, following, failed, provenance() if made_with is None else made_with)
         sections = [one for one in every if one.parts]
         return cls(document=document, sections=sections, lead=lead, following=following, failed=failed)
@@ -213,10 +214,11 @@ def _sections(
     made = partial(_made, failed)
     of_aircraft = bool(document.coefficients)
     yield Section(name="account", title="Data, values, structure", parts=[Fragment(template="account.html")])
-    held_out = tables.channels(document.held_out_as_given, document.held_out_extended, document.best)
+    held_out = tables.channels(document, held_out=True)
     gain: list[Any] = made(budget, document.budget)
     gain.append(Section(title="Errors of the channels in numbers", parts=[held_out]) if gain else held_out)
-    for make in (histories, tracks) if of_aircraft else (flown_again,):
+    of_rotors = (worst_channel, flown_again) if document.aircraft else (flown_again,)  # rotors are seen first
+    for make in (histories, tracks) if of_aircraft else of_rotors:
         gain += made(make, document)
     yield Section(name="gain", title="What it gains", parts=gain)
     if of_aircraft:
@@ -248,8 +250,7 @@ def _sections(
         told = Section(title="Remarks of the reader", parts=[remarks], open=True)
         drawn = made(check_figure, document.data, recorded, judged)
         yield Section(name="data", title="Data", parts=[nothing, tables.findings(document.data), *drawn, told])
-    own = () if of_aircraft else (rotors_from_above, response_of_axes)
-    values = [one for make in (*own, derivatives) for one in made(make, document)]
+    values = [one for make in (response_of_axes, derivatives) for one in made(make, document)]
     title = f"Values of the {document.source}"
     yield Section(name="values", title=title, parts=[*values, tables.derivatives(document)])
     if of_aircraft:
@@ -257,7 +258,7 @@ def _sections(
         yield Section(name="envelope", title="What was flown", parts=flown)
         next_ones = Fragment(template="next_flight.html", pictures=tuple(one.picture for one in following.proposals))
         yield Section(name="flight", title="Next flight", parts=[next_ones, limited(document)])
-    fitted = tables.channels(document.as_given, document.extended, document.best)
+    fitted = tables.channels(document, held_out=False)
     yield Section(name="numbers", title="Numbers", parts=[fitted])
     below = "An effect below the size in the table leaves no trace that could be distinguished from noise."
     never = (

@@ -9,10 +9,11 @@ from typing import Any
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED
-from casid.diagnosis.document import Document, ReportedCause, Simulated
+from casid.diagnosis.document import Document, ReportedCause
 from casid.diagnosis.facts import Parameter
 from casid.model.vocabulary import KINDS
 from casid.report.aircraft_figures import contradicted_first
+from casid.report.history_figures import own_unit, simulated
 from casid.report.sections import ReportTable, where
 from casid.report.statements import about_value
 from casid.report.words import channel_scale, digits, percent, pretty, probability_in_words, quantity, with_std
@@ -70,14 +71,16 @@ def _held(cause: ReportedCause) -> str:
     return f"{2.0 * cause.held_out_gain:+.3f}".replace("-", "−")
 
 
-def channels(before: Simulated, after: Simulated, best: str) -> ReportTable:
-    """Quality of fit per channel, by the file as given and by the `best` model; r.m.s. in the unit that a person
-    reads."""
+def channels(document: Document, held_out: bool) -> ReportTable:
+    """Quality of fit per channel, as given and by the best model; r.m.s. in the unit that a person reads."""
+    before = document.held_out_as_given if held_out else document.as_given
+    after = document.held_out_extended if held_out else document.extended
     quantities = ("r.m.s. error", "Theil", "R²", "whiteness p")
     rows = []
     for name, old in before.channels.items():
         new = after.channels[name]
-        factor, unit = (1.0, before.units[name]) if before.units else channel_scale(name)
+        own = own_unit(document, name)
+        factor, unit = channel_scale(name) if own is None else (1.0, own)
         pairs = [
             (factor * old.rms, factor * new.rms, digits),
             (old.theil, new.theil, _three),
@@ -86,11 +89,11 @@ def channels(before: Simulated, after: Simulated, best: str) -> ReportTable:
         ]
         cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
         rows.append((f"{name} [{unit}]" if unit else name, digits(factor * old.noise, 2), *cells))
-    short = "extended" if best == "extended model" else "re-estimated"
+    short = "extended" if document.best == "extended model" else "re-estimated"
     return ReportTable(
-        head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
+        head=("channel", "noise 1σ", *(f"{q} {word}" for q in quantities for word in ("as given", short))),
         rows=rows,
-        caption=f"Open-loop simulation of {', '.join(before.names)}. Theil: 0 perfect, 1 useless. R²: share "
+        caption=f"{', '.join(before.names)}. {simulated(document)}. Theil: 0 perfect, 1 useless. R²: share "
         "of the variance explained. Whiteness: Ljung–Box on the innovations; small p means that something systematic "
         "is left.",
         numeric=True,
