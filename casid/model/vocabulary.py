@@ -115,9 +115,14 @@ def sentence_of(effect: Effect, value: float, std: float) -> str:
     unit = "" if effect.unit == "1" else effect.unit
     size = f"{value:.4g} +- {std:.2g} {unit}".rstrip()
     percent = f"{100.0 * value:.3g} +- {100.0 * std:.2g} %"
-    label = f"input {effect.target}" if kind.place == "command" else effect.target
+    before = "equation of " if effect.states else "input " if kind.place == "command" else ""
     return sentence.format(
-        label=label, comes="comes", target=effect.target, term=effect.term, size=size, percent=percent
+        label=before + effect.target,
+        comes="comes",
+        target=effect.target,
+        term=effect.term,
+        size=size,
+        percent=percent,
     )
 
 

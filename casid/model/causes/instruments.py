@@ -30,7 +30,7 @@ from casid.model.effect import (
     grid,
     of_kind,
 )
-from casid.model.path import SignalPath
+from casid.model.path import GROUND, SignalPath
 from casid.signals import SURFACES, unit_of
 
 _AIR_DATA = ("V", "alpha", "beta")
@@ -162,7 +162,7 @@ def of_input(effect: Effect) -> Effect:
 
     Raises InputError for one that a record of the input does not undo.
     """
-    if effect.change is not None:
+    if effect.change is not None or effect.stochastic:
         return effect
     if effect.kind == "sensor_delay":
         return _late_inputs(effect.target)
@@ -250,6 +250,20 @@ def level(read: np.ndarray) -> float:
     """Mean of readings, of which some may be missing; 0 where all are."""
     seen = read[np.isfinite(read)]
     return float(seen.mean()) if len(seen) else 0.0
+
+
+@_reading(
+    targets=(*SENSOR_CHANNELS, *GROUND, "north", "east", *SURFACES, "thrust"),
+    of_systems=False,
+    of_rotors=True,
+    candidates=never_sought,
+    unit="{channel}",
+    quantity="step, of which all that is recorded are multiples: simulated, and told by the check of samples",
+    sentence="The {label} is recorded in steps of {size}.",
+)
+def sensor_resolution(channel: str) -> Effect:
+    forms = Forms(written=of_value(operators.rounded))
+    return Effect(reads=(channel,), kinematic=True, further=Further(unsigned=("value",)), forms=forms)
 
 
 _SHAKEN_BY = {
