@@ -39,6 +39,8 @@ _ATTITUDE = ("phi", "theta", "psi")
 ACCELERATIONS = ("ax", "ay", "az")
 ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
 SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *ACCELERATIONS, *ANGULAR_ACCELERATIONS, "altitude")
+_OVER_GROUND = ("north", "east", *GROUND)
+_POSITION = (*_OVER_GROUND, "altitude")
 # Channels that share one cause: one instrument, or one recorder. `q` includes qdot.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -46,6 +48,8 @@ SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "attitude": _ATTITUDE,
         "air_data": _AIR_DATA,
         "surfaces": SURFACES,
+        "external": (*_POSITION, *_ATTITUDE),  # of a motion capture: one clock, one frame
+        "ground": _POSITION,  # of satellites, beside an attitude of another source
     }
 )
 _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
@@ -67,6 +71,12 @@ _BIAS = {
 def group_channels(target: str) -> tuple[str, ...]:
     """Channels that share one instrument fault: a channel, a rate with its derivative, or a group of them."""
     return SENSOR_GROUPS.get(target) or _RATE_WITH_DERIVATIVE.get(target, (target,))
+
+
+def shown_in(target: str) -> tuple[str, ...]:
+    """The channels of a target of which one must be measured: of those over ground no attitude or altitude alone."""
+    channels = SENSOR_GROUPS.get(target, (target,))
+    return _OVER_GROUND if {*_OVER_GROUND} < {*channels} else channels
 
 
 def of_group(target: str, operate: Callable[[np.ndarray, np.ndarray, Values], np.ndarray]) -> Callable[..., Any]:
@@ -133,7 +143,7 @@ def sensor_scale(target: str) -> Effect:
 def _slow_reading(target: str, output: Callable[..., Any], forms: Forms, unsigned: tuple[str, ...] = ()) -> Effect:
     """A reading that is late by the value, as `output` has it."""
     return Effect(
-        reads=SENSOR_GROUPS.get(target, (target,)),
+        reads=shown_in(target),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True, late=True),
         kinematic=True,
         linear=False,
@@ -253,7 +263,7 @@ def level(read: np.ndarray) -> float:
 
 
 @_reading(
-    targets=(*SENSOR_CHANNELS, *GROUND, "north", "east", *SURFACES, "thrust"),
+    targets=(*SENSOR_CHANNELS, *_OVER_GROUND, *SURFACES, "thrust"),
     of_systems=False,
     of_rotors=True,
     candidates=never_sought,
