@@ -34,8 +34,7 @@ from casid.model.causes.controls import (
     rate_limit,
     second_order_actuator,
 )
-from casid.model.causes.equations import dry_friction, missing_term, parameter_change
-from casid.model.causes.hysteresis import bristles, hysteresis
+from casid.model.causes.equations import bristles, dry_friction, hysteresis, missing_term, parameter_change
 from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_lag, sensor_scale, sensor_stuck
 from casid.model.effect import KINDS, Effect, Size
 from casid.model.in_force import known_of

@@ -36,24 +36,26 @@ from casid.signals import SURFACES, unit_of
 _AIR_DATA = ("V", "alpha", "beta")
 RATES = ("p", "q", "r")
 _ATTITUDE = ("phi", "theta", "psi")
-ACCELERATIONS = ("ax", "ay", "az")
-ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
-SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *ACCELERATIONS, *ANGULAR_ACCELERATIONS, "altitude")
-_OVER_GROUND = ("north", "east", *GROUND)
-_POSITION = (*_OVER_GROUND, "altitude")
+_ACCELERATIONS = ("ax", "ay", "az")
+_ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
+SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *_ACCELERATIONS, *_ANGULAR_ACCELERATIONS, "altitude")
+_PLACE = ("north", "east", "altitude")
+_OVER_GROUND = (*_PLACE[:2], *GROUND)
+# group -> vectors in its frame; an altitude is positive up
+TRIADS = {"inertial": (RATES, _ACCELERATIONS, _ANGULAR_ACCELERATIONS), "ground": (GROUND, _PLACE)}
 # Channels that share one cause: one instrument, or one recorder. `q` includes qdot.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "inertial": (*RATES, *ACCELERATIONS, *ANGULAR_ACCELERATIONS),
+        "inertial": (*RATES, *_ACCELERATIONS, *_ANGULAR_ACCELERATIONS),
         "attitude": _ATTITUDE,
         "air_data": _AIR_DATA,
         "surfaces": SURFACES,
-        "external": (*_POSITION, *_ATTITUDE),  # of a motion capture: one clock, one frame
-        "ground": _POSITION,  # of satellites, beside an attitude of another source
+        "external": (*_PLACE, *GROUND, *_ATTITUDE),  # of a motion capture: one clock, one frame
+        "ground": (*_PLACE, *GROUND),  # of satellites, beside an attitude of another source
     }
 )
 _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
-_RATE_OF: dict[str, str] = dict(zip(ANGULAR_ACCELERATIONS, RATES, strict=True))
+_RATE_OF: dict[str, str] = dict(zip(_ANGULAR_ACCELERATIONS, RATES, strict=True))
 _RATE_WITH_DERIVATIVE = {rate: (rate, derivative) for derivative, rate in _RATE_OF.items()}
 _LIGHT = 0.03  # damping ratio of a structure
 # unit of a channel -> bias that matters, what the better instruments of flight test keep to anyway, and the largest;
@@ -337,7 +339,7 @@ def accelerometer_position(axis: str) -> Effect:
 
     return Effect(
         size=Size(within="span", meaningful=0.1, limit=20.0),
-        reads=ACCELERATIONS,
+        reads=_ACCELERATIONS,
         kinematic=True,
         # the lift or side force of a tail turns the aircraft as well: that much of it reads so
         traits=Traits(grounded=axis == "x"),

@@ -12,20 +12,11 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.causes.changes import turned
-from casid.model.causes.instruments import (
-    ACCELERATIONS,
-    ANGULAR_ACCELERATIONS,
-    RATES,
-    SENSOR_GROUPS,
-    group_channels,
-    of_group,
-    shown_in,
-)
+from casid.model.causes.instruments import SENSOR_GROUPS, TRIADS, group_channels, of_group, shown_in
 from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause, grid
-from casid.model.path import GROUND, SignalPath, velocity_over_ground
+from casid.model.path import SignalPath, velocity_over_ground
 from casid.model.terms import parse_term
 
-_OVER_GROUND = (GROUND, ("north", "east", "altitude"))
 # static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
 _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
     ("V", "alpha"): (10.0, 200.0),
@@ -63,9 +54,9 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         cosine = ca.cos(values["value"])
         sine = -ca.sin(values["value"])
-        for names in (RATES, ACCELERATIONS, ANGULAR_ACCELERATIONS) if target == "inertial" else _OVER_GROUND:
+        for names in TRIADS.get(target, TRIADS["ground"]):
             true = [path.output.get(name, 0.0) for name in names]
-            signs = [-1.0 if name == "altitude" else 1.0 for name in names]  # which is positive up
+            signs = [-1.0 if name == "altitude" else 1.0 for name in names]
             read = turned([sign * x for sign, x in zip(signs, true, strict=True)], axis, cosine, sine)
             found = zip(names, signs, read, strict=True)
             path.output |= {name: sign * x for name, sign, x in found if name in path.output}
