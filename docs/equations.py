@@ -73,6 +73,12 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"\delta_k = \min\bigl(\max(\delta_{k-1},\ \delta_{\mathrm{rec},k} - v),\ \delta_{\mathrm{rec},k} + v\bigr)",
         r"$2v$ is the free play.",
     ),
+    "hysteresis": (
+        r"\delta = \delta_\mathrm{rec} - v\,z,\quad d\,\dot z = \dot\delta_\mathrm{rec} - |\dot\delta_\mathrm{rec}|\,z",
+        r"$d$ is the parameter `stroke`, and $z$ begins at the parameter `rest`. In the equation of a speed $x$, with "
+        r"$d$ the parameter `travel`: $\dot x = f - v\,z$, $d\,\dot z = x - |x|\,z$, which is `dry_friction` for a "
+        r"travel of 0; $d$ must be longer than half of what the speed runs in a sample.",
+    ),
     "effectiveness_change": (
         r"\delta(t) = \delta_\mathrm{rec}(t)\,\bigl(1 + v\,[t \ge t_0]\bigr)",
         r"$t_0$ is the onset.",
@@ -84,6 +90,12 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     "feedback": (
         r"\delta = \delta_\mathrm{rec} + v\,(y - y_w),\quad T\,\dot y_w = y - y_w",
         r"$y$ is what is fed back; $y_w = 0$ without the washout of time constant $T$.",
+    ),
+    "sensor_resolution": (
+        r"z = v\,\mathrm{round}(y / v)",
+        "$z$ is read where $y$ is true. A model has no parameter for it: the mean of $z$ does not depend on $v$, which "
+        "shows as a variance of $v^2 / 12$ among the noise, to some percent; `casid check` tells $v$ to all digits, "
+        "from how far samples are apart. `simulate` rounds.",
     ),
     "sensor_bias": (r"z = y + v", r"$z$ is read where $y$ is true."),
     "sensor_scale": (r"z = (1 + v)\,y", r"$z$ is read where $y$ is true."),

@@ -118,12 +118,12 @@ class DataFindings:
 
     def rows(self) -> Rows:
         """A row for each channel of all records: its range, noise and rate, and what is suspected of it."""
-        numbers = {name: ".4g" for name in ("min", "median", "max", "noise", "rate Hz")}
+        numbers = {name: ".4g" for name in ("min", "median", "max", "noise", "step", "rate Hz")}
         heads = {"channel": "", "unit": "", **numbers, "missing %": ".1f", "suspicion": ""}
         rows = []
         for one in self.table:
             kinds = [fault.kind.removeprefix("data_") for fault in self.findings if one.name in fault.target.split("+")]
-            values = (one.least, one.median, one.most, one.noise, one.rate_hz)
+            values = (one.least, one.median, one.most, one.noise, one.step, one.rate_hz)
             rows.append((one.name, one.unit, *values, 100.0 * one.missing or None, ", ".join(kinds)))
         return Rows(heads=heads, rows=rows)
 

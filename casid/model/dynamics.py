@@ -354,11 +354,14 @@ def aircraft_model(
 
 def _named(aircraft: Aircraft, effects: Sequence[EffectValue | Effect]) -> list[InForce]:
     """Effects with the names of their parameters; an effect without a size is one that is symbolic, or none."""
-    own = [one for one in effects if isinstance(one, EffectValue)]
+    own = named((one for one in effects if isinstance(one, EffectValue)), f"aircraft '{aircraft.name}'")
+    for one in own:
+        if one.effect.change is not None and one.effect.station is None:
+            raise InputError(f"aircraft '{aircraft.name}': effect {one.name} is of a model of your own equations")
     others = [
         InForce(effect=one, name=one.name) for one in effects if isinstance(one, Effect) and one.change is not None
     ]
-    return [*named(own, f"aircraft '{aircraft.name}'"), *others]
+    return [*own, *others]
 
 
 def _extended(

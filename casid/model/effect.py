@@ -155,6 +155,8 @@ class Forms:
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
     # (t, values) -> (N,) by how much [s] readings of the target are late: they are of the motion at an earlier time
     late: Callable[[np.ndarray, Values], Any] | None = None
+    # (readings, values) -> what is written down of them: only a simulation does, an estimator has it as noise
+    written: Callable[[np.ndarray, Values], np.ndarray] | None = None
     # (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`, or of what
     # is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
@@ -219,7 +221,7 @@ class Effect:
 
     @property
     def stochastic(self) -> bool:
-        """Return True if it is process noise alone."""
+        """Return True if it is noise alone: of the motion, or of what is written down."""
         return self.change is None and self.series is None and self.output is None
 
     @property

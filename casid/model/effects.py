@@ -8,6 +8,7 @@ from typing import Protocol
 
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
+from casid.model.causes.instruments import group_channels
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.vocabulary import KINDS, check_effect
@@ -24,14 +25,11 @@ def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
     if not aircraft.winged:
         shown = [e for e in shown if e.station not in _OF_A_WING and e.target not in (*SURFACES, "surfaces", "thrust")]
         shown = [e for e in shown if e.size.amplitude is None]  # no surface drives an oscillation
-    known = {(e.kind, e.target) for e in shown}
-    return [e for e in shown if not _is_one_channel(e, measured, known)]
-
-
-def _is_one_channel(effect: Effect, measured: Collection[str], known: Collection[tuple[str, str]]) -> bool:
-    """Return True if a fault of a group is, in these outputs, that of one channel, which has a name of its own."""
-    reads = [channel for channel in effect.reads if channel in measured]
-    return len(reads) == 1 and effect.target != reads[0] and (effect.kind, reads[0]) in known
+    alone: dict[object, Effect] = {}
+    for effect in shown:  # a fault of a group may be, in these outputs, that of one channel, or of a group before it
+        there = tuple(sorted(channel for channel in group_channels(effect.target) if channel in measured))
+        alone.setdefault((effect.kind, effect.term, there) if there else effect.name, effect)
+    return list(alone.values())
 
 
 def _shows_in(effect: Effect, measured: Collection[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Operators on sampled time series that effects are made of: lag, delay, rate limit, dead zone, backlash, mode.
+"""Operators on sampled time series that effects are made of: lag, delay, rate limit, dead zone, hysteresis, mode.
 
 All take t (N,) [s] and a series (N,), run between samples linearly, start in steady state and accept non-uniform t;
 `rate_limit` is an exception to the first, `mode` to the first and the last.
@@ -155,6 +155,11 @@ def sample_hold(t: np.ndarray, y: np.ndarray, interval: Size) -> np.ndarray:
     return sampled(t, y, t[0] + count * held)
 
 
+def rounded(y: np.ndarray, step: float) -> np.ndarray:
+    """y rounded to multiples of a step; y itself for a step of 0."""
+    return abs(step) * np.rint(y / abs(step)) if step else y
+
+
 def rate_limit(t: np.ndarray, y: np.ndarray, rate: Size) -> np.ndarray:
     """y followed with at most `rate` [unit of y per s]. Akima's curve between samples, because what is limited keeps to
     its end the time by which straight lines begin a movement early."""
@@ -202,6 +207,17 @@ def backlash(y: np.ndarray, width: Size, rest: Size = 0.0) -> np.ndarray:
             at = high[k]
         out[k] = at
     return out
+
+
+def hysteresis(y: np.ndarray, stroke: Size, rest: Size = 0.0) -> np.ndarray:
+    """Memory z of the way that y came, from -1 to 1: z' = (y' - |y'| z) / stroke, exactly for straight lines between
+    samples; of a stroke of 0 the sign of the last movement. It begins at `rest` (`folded`)."""
+    along = np.diff(y)
+    kept = np.exp(-np.abs(along) / larger(magnitude(stroke), 1e-300)).tolist()
+    z = [folded(rest)]
+    for side, share in zip(np.sign(along).tolist(), kept, strict=True):
+        z.append(side + (z[-1] - side) * share)
+    return np.array(z)
 
 
 def folded(x: Size) -> Size:

@@ -16,7 +16,7 @@ from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period, runge_kutta
 from casid.model.timeline import between_samples, check_events, timeline
-from casid.model.with_effects import at_own_times
+from casid.model.with_effects import as_written, at_own_times
 from casid.native.compiler import Compilable
 from casid.records.given import given_record
 from casid.records.record import Record
@@ -175,7 +175,7 @@ def simulate(
             f"simulation of '{model.name}' on record '{record.name}': output '{model.outputs[i]}' is no number at "
             f"t = {record.t[k]:.2f} s: {origin(model.h[int(i)], model.vectors, at)}"
         )
-    outputs = at_own_times(model, record, outputs, values)
+    flown_as, outputs = as_written(model, flown_as, at_own_times(model, record, outputs, values))
     return Simulation(model=model, record=flown_as, states=states, outputs=outputs)
 
 

@@ -29,6 +29,8 @@ LABELS = {
     "attitude": "attitude",
     "air_data": "air data",
     "surfaces": "surfaces",
+    "external": "external pose",
+    "ground": "motion over ground",
 }
 
 
@@ -115,9 +117,15 @@ def sentence_of(effect: Effect, value: float, std: float) -> str:
     unit = "" if effect.unit == "1" else effect.unit
     size = f"{value:.4g} +- {std:.2g} {unit}".rstrip()
     percent = f"{100.0 * value:.3g} +- {100.0 * std:.2g} %"
-    label = f"input {effect.target}" if kind.place == "command" else effect.target
+    command = "equation of " if effect.states else "input "
+    before = command if kind.place == "command" else ""
     return sentence.format(
-        label=label, comes="comes", target=effect.target, term=effect.term, size=size, percent=percent
+        label=before + effect.target,
+        comes="comes",
+        target=effect.target,
+        term=effect.term,
+        size=size,
+        percent=percent,
     )
 
 

@@ -34,9 +34,10 @@ from casid.model.in_force import (
     slope_input,
 )
 from casid.model.port import entering
+from casid.model.rotors import ALL
 from casid.model.system import EquationForm, Model, runge_kutta, substituted, variables
 from casid.records.record import Record, filled
-from casid.signals import scale_of
+from casid.signals import SURFACES, is_control, scale_of
 
 _RECORDED = "recorded "  # a channel of which readings stand beside other samples than their own
 _MADE_AT = "made at "  # the size at which histories were made
@@ -154,6 +155,28 @@ def with_instruments(model: Model, lags: Sequence[InForce]) -> Model:
         state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
         events={name: ca.vertcat(after, reading) for name, after in model.events.items()},
     )
+
+
+def with_states(model: Model, found: Iterable[InForce]) -> Model:
+    """The model with the states of effects, which rest: what these change makes their rates."""
+    names = tuple(name for one in found for name in one.effect.states)
+    if not names:
+        return model
+    added = ca.SX.sym("state", len(names))
+    return replace(
+        model,
+        states=(*model.states, *names),
+        x=ca.vertcat(model.x, added),
+        f=ca.vertcat(model.f, ca.SX.zeros(len(names))),
+        guess=partial(_with_halves, model.guess, len(names)),
+        state_scale={**model.state_scale, **dict.fromkeys(names, 1.0)},
+        events={name: ca.vertcat(after, added) for name, after in model.events.items()},
+    )
+
+
+def _with_halves(guess: Callable[[Record], np.ndarray], count: int, record: Record) -> np.ndarray:
+    """A guess, and behind it states of effects at half of their size, by which they are uncertain."""
+    return np.column_stack([guess(record), np.full((len(record), count), 0.5)])
 
 
 def _with_readings(guess: Callable[[Record], np.ndarray], channels: Sequence[str], record: Record) -> np.ndarray:
@@ -323,6 +346,23 @@ def at_own_times(
     return found
 
 
+def as_written(model: Model, record: Record, outputs: np.ndarray) -> tuple[Record, np.ndarray]:
+    """A record, and (N, outputs) at its samples, as recorders write them that a model has."""
+    found = outputs.copy()
+    for one in model.effects:
+        write = one.effect.forms.written
+        if write is None or not one.concerns(record.name):
+            continue
+        every = [name for name in model.inputs if is_control(name) and name not in SURFACES]
+        for name in every if one.effect.target == ALL else (one.effect.target,):
+            if name in model.outputs:
+                i = model.outputs.index(name)
+                found[:, i] = write(found[:, i], one.sizes)
+            elif name in record:
+                record = record.with_channels(**{name: write(record[name], one.sizes)})
+    return record, found
+
+
 # ---- any model
 
 
@@ -422,7 +462,7 @@ def effect_at(model: Model, value: EffectValue) -> Effect:
     where = f"model '{model.name}': effect {effect.name}"
     if kind.place not in _PLACES:
         raise InputError(f"{where} is of the equations of an aircraft; expected a model of cs.aircraft_model(...)")
-    what, groups = _PLACES[kind.place]
+    what, groups = _PLACES["equation" if effect.states else kind.place]
     valid = [name for group in groups for name in getattr(model, group)]
     check_known(what, kind.parts(effect.target), valid, where)
     return of_input(effect) if kind.place == "reading" and effect.target not in model.outputs else effect
@@ -436,7 +476,7 @@ def with_effects(model: Model, values: Iterable[EffectValue], terms: Mapping[str
         return model.extend(values)
     found = named(values, f"model '{model.name}'", partial(effect_at, model))
     masks = tuple(dict.fromkeys(one.masked for one in found if one.masked and is_masked(one.effect)))
-    draft = Draft(with_stations(model, masks), terms)
+    draft = Draft(with_stations(with_states(model, found), masks), terms)
     inputs = dict(zip(draft.model.inputs, ca.vertsplit(draft.model.u), strict=True))
     symbols: dict[str, ca.SX] = {}
     for one in found:

@@ -10,10 +10,12 @@ import numpy as np
 
 from casid.keeping import by_fields
 from casid.records.channel_faults import update_interval
-from casid.records.checks import GAP
-from casid.records.noise import pooled_sigma
+from casid.records.checks import GAP, INPUTS
+from casid.records.noise import LEVELS, converter_step, pooled_sigma
 from casid.records.record import Record
 from casid.signals import CHANNELS, for_a_person, unit_of
+
+_FEW = 5  # levels of a reading from which its steps are judged; those of an input may be its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +28,7 @@ class ChannelRow:
     median: float
     most: float
     noise: float  # 1-sigma of the white noise that its high band shows; NaN when that band does not show it
+    step: float  # of which the differences of all its samples are multiples; NaN of a channel without one
     rate_hz: float  # at which new samples come
     missing: float  # part of the samples that are missing
     records: int  # how many have it
@@ -55,6 +58,7 @@ def _row(name: str, records: Sequence[Record]) -> ChannelRow:
         median=float(median),
         most=float(most),
         noise=factor * pooled_sigma(series),
+        step=factor * converter_step(values, LEVELS if name in INPUTS else _FEW),
         rate_hz=1.0 / float(np.median(known)) if known else math.nan,
         missing=1.0 - len(good) / len(values),
         records=len(records),

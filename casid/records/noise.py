@@ -12,8 +12,9 @@ import numpy as np
 import scipy
 
 _ORDER = 4
-_LEVELS = 30
+LEVELS = 30
 ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
+_OFF_STEP = 0.05  # of a step, that the distance of two levels may miss a multiple by, as after a conversion of units
 _UPDATES = 8  # updates from which a beat is judged
 _HELD = 3.0  # readings per update from which a channel is held
 _BEAT = 1.0  # samples by which an update may miss the beat
@@ -43,7 +44,7 @@ def high_band_sigma(values: np.ndarray) -> float:
     return float(1.482602218505602 * scale / gain)
 
 
-def resolution(values: np.ndarray, fewest: int = _LEVELS) -> float:
+def resolution(values: np.ndarray, fewest: int = LEVELS) -> float:
     """Smallest step between distinct values: the quantisation of a channel; 0 for a series of `fewest` levels or less,
     which may be the signal's own, as of an input of steps. Levels that differ by rounding, as after a conversion of
     units, are one."""
@@ -53,6 +54,19 @@ def resolution(values: np.ndarray, fewest: int = _LEVELS) -> float:
     steps = np.diff(levels)
     steps = steps[steps > ROUNDING * (levels[-1] - levels[0])]
     return float(steps.min()) if len(steps) + 1 >= fewest else 0.0
+
+
+def converter_step(values: np.ndarray, fewest: int = LEVELS) -> float:
+    """Step of the converter of a channel, of which its levels, `fewest` or more, are multiples apart; NaN where they
+    are not."""
+    levels = np.unique(values[np.isfinite(values)])
+    if len(levels) < fewest:
+        return math.nan
+    apart = np.diff(levels)
+    apart = apart[apart > ROUNDING * (levels[-1] - levels[0])]
+    count = np.rint(apart / apart.min())
+    step = float(apart.sum() / count.sum())
+    return step if np.max(np.abs(apart / step - count)) < _OFF_STEP else math.nan
 
 
 def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -85,7 +99,7 @@ def pooled_sigma(series: list[np.ndarray], continuous: bool = False) -> float:
     sigmas = [s for s in map(high_band_sigma, series) if np.isfinite(s)]
     if not sigmas:
         return float("nan")
-    quantum = float(np.median([resolution(values, 2 if continuous else _LEVELS) for values in series]))
+    quantum = float(np.median([resolution(values, 2 if continuous else LEVELS) for values in series]))
     return max(float(np.median(sigmas)), quantum / np.sqrt(12.0))
 
 

@@ -35,6 +35,7 @@ NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_sca
 NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck", "moment_reference")
 # what a diagnosis of an aircraft does not look for by itself
 STATED = ("second_order_actuator", "input_limit", "input_offset", "input_scale", "sample_hold", "sensor_stuck")
+STATED += ("hysteresis", "sensor_resolution")
 STATED += ("missing_derivative", "rotor_rise_fall", "rotor_limit", "rotor_tilt")
 OF_EQUATIONS = ("missing_term", "damping", "cross_damping", "dry_friction", "relaxation", "inertia_scale")
 OF_EQUATIONS += ("parameter_change", "parameter_split", "common_factor")

@@ -66,6 +66,7 @@ SYSTEM = System(
         ("actuator_lag", "steer", "", 0.05, 0.12),
         ("dead_zone", "steer", "", 0.002, 0.005),
         ("backlash", "steer", "", 0.002, 0.005),
+        ("hysteresis", "steer", "", 0.003, 0.006),
         ("sensor_bias", "r", "", 0.01, 0.03),
         ("sensor_scale", "ay", "", 0.08, 0.2),
         ("sensor_lag", "ay", "", 0.05, 0.15),

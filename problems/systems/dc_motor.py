@@ -56,6 +56,7 @@ SYSTEM = System(
         ("input_delay", "V", "", 0.02, 0.06),
         ("actuator_lag", "V", "", 0.02, 0.06),
         ("backlash", "V", "", 0.4, 1.0),
+        ("hysteresis", "V", "", 0.6, 1.2),
         ("rate_limit", "V", "", 15.0, 40.0),
         ("second_order_actuator", "V", "", 0.03, 0.08),
         ("sensor_bias", "i", "", 0.2, 0.5),

@@ -52,6 +52,7 @@ SYSTEM = System(
         ("missing_term", "v", "x", -1.5, -0.5),  # a spring to the wall
         ("dry_friction", "v", "", 0.2, 0.5),  # of the rails
         ("dry_friction", "w", "", 0.2, 0.5),
+        ("hysteresis", "v", "", 0.2, 0.5),
         ("dead_zone", "F", "", 0.3, 0.8),
         ("input_limit", "F", "above", 1.5, 2.5),
         ("input_delay", "F", "", 0.03, 0.1),

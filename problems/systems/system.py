@@ -19,6 +19,9 @@ from casid.records.record import Record
 _FINER = 20  # points per sample along which operators are followed
 _BEFORE = 0.05  # of a record, that runs before it
 _CREEP = 0.02  # speed about which dry friction reverses
+# over which a hysteresis turns: of an input in half widths of it, of friction in what a speed runs in a unit of time
+_STROKE = 3.0
+_TRAVEL = 0.05
 _SCATTER = 0.03  # of true parameters about the nominal ones, 1-sigma
 
 
@@ -97,22 +100,26 @@ class System:
         there = fault is not None and (not fault.records or name in fault.records)
         one = fault if there else None
         p = _shifted(p, one)
+        builds_up = one is not None and one.kind == "hysteresis" and one.target in x0
         acts = {n: _operated(one, n, fine, np.interp(fine, t, u)) for n, u in commanded.items()}
 
         def rates(now: float, state: np.ndarray) -> list[float]:
             u = {n: np.interp(now, fine, series) for n, series in acts.items()}
-            x = dict(zip(x0, state, strict=True))
+            x = dict(zip(x0, state, strict=False))
             found = dict(self.rates(x, u, p))
             if one is not None and one.kind == "missing_term":
                 found[one.target] += one.size * self._term(one.term, {**x, **u})
             if one is not None and one.kind == "dry_friction":
                 found[one.target] -= one.size * np.tanh(x[one.target] / _CREEP)
-            return [found[n] for n in x0]
+            if one is None or not builds_up:
+                return [found[n] for n in x0]
+            found[one.target] -= one.size * state[-1]
+            return [*(found[n] for n in x0), (x[one.target] - abs(x[one.target]) * state[-1]) / _TRAVEL]
 
         solved = solve_ivp(
             rates,
             (fine[0], fine[-1]),
-            list(x0.values()),
+            [*x0.values(), *([0.0] if builds_up else [])],
             t_eval=fine,
             rtol=1e-8,
             atol=1e-9,
@@ -121,7 +128,7 @@ class System:
         )
         if not solved.success or not np.isfinite(solved.y).all():
             raise InputError(f"{self.name}: the system runs off with {fault.name if fault else 'nothing'}")
-        readings = self.reads(dict(zip(x0, solved.y, strict=True)), acts, p)
+        readings = self.reads(dict(zip(x0, solved.y, strict=False)), acts, p)
         channels = dict(commanded)
         for n, values in readings.items():
             seen = _operated(one, n, fine, values)[before * _FINER :: _FINER]
@@ -153,6 +160,8 @@ def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> n
         return _followed(y, lambda at, u: at + (u - at) * (1.0 - np.exp(-(t[1] - t[0]) / size)))
     if fault.kind == "backlash":
         return _followed(y, lambda at, u: min(max(at, u - size), u + size))
+    if fault.kind == "hysteresis":
+        return y - size * _memory(y, _STROKE * size)
     if fault.kind == "rate_limit":
         return _followed(y, lambda at, u: at + min(max(u - at, -size * (t[1] - t[0])), size * (t[1] - t[0])))
     if fault.kind == "second_order_actuator":
@@ -172,6 +181,15 @@ def _followed(y: np.ndarray, follow: Callable[[float, float], float]) -> np.ndar
     for k in range(1, len(y)):
         out[k] = follow(out[k - 1], y[k])
     return out
+
+
+def _memory(y: np.ndarray, stroke: float) -> np.ndarray:
+    """What is left of the signs of all movements before: each fades with the way since then."""
+    z = np.zeros(len(y))
+    for k, step in enumerate(np.diff(y).tolist()):
+        fades = np.exp(-abs(step) / stroke)
+        z[k + 1] = z[k] * fades + (1.0 - fades) * np.sign(step)
+    return z
 
 
 def _swung(t: np.ndarray, y: np.ndarray, radian: float, damping: float = 0.5) -> np.ndarray:

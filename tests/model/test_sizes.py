@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -56,6 +57,7 @@ HIDDEN = [
     (value("rate_limit", "delta_e", 0.2), 0.08),  # above the rates of the command it would not act at all
     (value("dead_zone", "delta_e", 0.012, parameters={"about": 1.0}), 0.004),
     (value("backlash", "delta_a", 0.012, parameters={"rest": 0.0}), 0.004),
+    (value("hysteresis", "delta_a", 0.012, parameters={"stroke": 0.03, "rest": 0.0}), 0.004),
     (value("sensor_delay", "q", 0.1), 0.03),
     (value("sensor_lag", "alpha", 0.15), 0.05),
     (value("sensor_scale", "az", 0.15), 0.04),
@@ -110,7 +112,8 @@ def histories() -> list[tuple[str, History, cs.Record]]:
     known = known_of(record)
     found = []
     for kind in KINDS.values():
-        for effect in kind.candidates(do328()):
+        places = product(kind.targets[:1], kind.terms) if kind.needs_term else product(kind.targets[:1])
+        for effect in [*kind.candidates(do328()), *(kind.make(*place) for place in places)]:
             if effect.change is not None or effect.stochastic or effect.series is None and effect.output is None:
                 continue
             size = next((g for g in effect.further.grid if g.get("value")), {"value": 0.3})
@@ -144,6 +147,7 @@ def test_derivatives_by_every_size_are_exact() -> None:
                 seen.add(history.of.effect.kind)
     assert seen >= {"actuator_lag", "input_delay", "rate_limit", "dead_zone", "backlash", "structural_mode", "gust"}
     assert seen >= {"wind_shear", "stuck", "effectiveness_change", "sensor_delay", "clock_drift"}
+    assert seen >= {"hysteresis", "second_order_actuator", "input_limit", "input_offset", "input_scale", "sensor_stuck"}
 
 
 def second_order() -> cs.Model:
@@ -170,6 +174,8 @@ PORTS = [
     (value("second_order_actuator", "u", 0.2, parameters={"damping": 0.5}), 0.06),
     (value("rate_limit", "u", 2.0), 6.0),
     pytest.param(value("backlash", "u", 0.2, parameters={"rest": 0.0}), 0.05, marks=pytest.mark.slow),
+    (value("hysteresis", "u", 0.3, parameters={"stroke": 0.8}), 0.1),
+    (value("hysteresis", "v", 0.3, parameters={"travel": 0.15}), 0.1),
     pytest.param(value("input_scale", "u", 0.2), 0.0, marks=pytest.mark.slow),
     pytest.param(value("input_offset", "u", 0.3), 0.0, marks=pytest.mark.slow),
     pytest.param(value("input_limit", "u", 0.7, term="above"), 1.1, marks=pytest.mark.slow),

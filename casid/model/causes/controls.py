@@ -32,7 +32,7 @@ from casid.signals import SURFACES
 _TO_THE_END = 1e3  # s
 _LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
-_PLAY_SIZE = Size(meaningful=math.radians(0.1), limit=math.radians(8.0))
+PLAY_SIZE = Size(meaningful=math.radians(0.1), limit=math.radians(8.0))
 _DAMPED = 0.7  # damping ratio of an actuator
 # what a dead zone lies about: the zero of the record, or its median
 _ZERO = 0.0
@@ -78,10 +78,10 @@ def _sizes(*sizes: float) -> Further:
     return Further(grid=grid(value=sizes), unsigned=("value",))
 
 
-_command = partial(cause, place="command", of_systems=True, targets=SURFACES)
+command = partial(cause, place="command", of_systems=True, targets=SURFACES)
 
 
-@_command(
+@command(
     unit="s",
     quantity="time constant",
     sentence="The {label} follows its command with a lag of {size} that the model does not have.",
@@ -96,7 +96,7 @@ def actuator_lag(surface: str) -> Effect:
     return _following(surface, of_value(operators.lag), _sizes(0.03, 0.06, 0.12, 0.25, 0.5), size=size, forms=forms)
 
 
-@_command(
+@command(
     unit="s",
     quantity="delay of the surface behind its record",
     sentence="The {label} follows its command {size} [late|early].",
@@ -107,7 +107,7 @@ def input_delay(surface: str) -> Effect:
     return _following(surface, of_value(operators.delay), further, size=Size(meaningful=0.01, limit=0.5), forms=forms)
 
 
-@_command(
+@command(
     unit="{channel}/s",
     quantity="largest rate of the surface",
     sentence="The {label} cannot move faster than {size}.",
@@ -118,7 +118,7 @@ def rate_limit(surface: str) -> Effect:
     return _following(surface, of_value(operators.rate_limit), rates, size=size)
 
 
-@_command(
+@command(
     candidates=never_sought,
     unit="s",
     quantity="time of one radian of its oscillation, the inverse of its natural frequency; its damping ratio stands in "
@@ -138,7 +138,7 @@ def second_order_actuator(surface: str) -> Effect:
     )
 
 
-@_command(
+@command(
     terms=("above", "below"),
     candidates=never_sought,
     unit="{channel}",
@@ -154,20 +154,17 @@ def input_limit(surface: str, side: str) -> Effect:
     return _following(surface, act, Further(grid=grid(value=(0.0,))))
 
 
-@_command(
+@command(
     candidates=never_sought,
     unit="{channel}",
     quantity="what acts less its record: a trim of the actuator",
     sentence="The {label} acts {size} beside its record.",
 )
 def input_offset(surface: str) -> Effect:
-    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
-        return values["value"] * np.ones(len(t))
-
-    return _added_to(surface, added, traits=Traits(by_record=True))
+    return _added_to(surface, lambda t, _, values: values["value"] * np.ones(len(t)), traits=Traits(by_record=True))
 
 
-@_command(
+@command(
     targets=(*SURFACES, "thrust"),
     candidates=never_sought,
     unit="1",
@@ -175,13 +172,10 @@ def input_offset(surface: str) -> Effect:
     sentence="What acts of the {label} differs by {percent} from its record.",
 )
 def input_scale(surface: str) -> Effect:
-    def added(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
-        return values["value"] * recorded
-
-    return _added_to(surface, added, traits=Traits(by_record=True))
+    return _added_to(surface, lambda _, recorded, values: values["value"] * recorded, traits=Traits(by_record=True))
 
 
-@_command(
+@command(
     of_systems=False,
     candidates=never_sought,
     unit="s",
@@ -193,7 +187,7 @@ def sample_hold(surface: str) -> Effect:
     return _following(surface, of_value(operators.sample_hold), _sizes(0.05, 0.1, 0.2), size=size)
 
 
-@_command(
+@command(
     unit="{channel}",
     quantity="half width without any answer; what it lies about stands in the parameters, 0 the zero of the record, 1 "
     "its median",
@@ -210,10 +204,10 @@ def dead_zone(surface: str) -> Effect:
         unsigned=("value",),
         usual={"about": (0.5 * (_ZERO + _TRIM), 0.5 * abs(_ZERO - _TRIM))},  # a movement may reach one end alone
     )
-    return _following(surface, act, further, size=_PLAY_SIZE)
+    return _following(surface, act, further, size=PLAY_SIZE)
 
 
-@_command(
+@command(
     unit="{channel}",
     quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
     sentence="The {label} has a free play of plus and minus {size}.",
@@ -224,7 +218,7 @@ def backlash(surface: str) -> Effect:
 
     sizes = grid(value=_PLAY, rest=(0.0,))
     further = Further(grid=sizes, defaults={"rest": 0.0}, unsigned=("value",), folded=("rest",))
-    return _following(surface, act, further, size=_PLAY_SIZE)
+    return _following(surface, act, further, size=PLAY_SIZE)
 
 
 @cause(

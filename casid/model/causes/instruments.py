@@ -30,26 +30,32 @@ from casid.model.effect import (
     grid,
     of_kind,
 )
-from casid.model.path import SignalPath
+from casid.model.path import GROUND, SignalPath
 from casid.signals import SURFACES, unit_of
 
 _AIR_DATA = ("V", "alpha", "beta")
 RATES = ("p", "q", "r")
 _ATTITUDE = ("phi", "theta", "psi")
-ACCELERATIONS = ("ax", "ay", "az")
-ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
-SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *ACCELERATIONS, *ANGULAR_ACCELERATIONS, "altitude")
+_ACCELERATIONS = ("ax", "ay", "az")
+_ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
+SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *_ACCELERATIONS, *_ANGULAR_ACCELERATIONS, "altitude")
+_PLACE = ("north", "east", "altitude")
+_OVER_GROUND = (*_PLACE[:2], *GROUND)
+# group -> vectors in its frame; an altitude is positive up
+TRIADS = {"inertial": (RATES, _ACCELERATIONS, _ANGULAR_ACCELERATIONS), "ground": (GROUND, _PLACE)}
 # Channels that share one cause: one instrument, or one recorder. `q` includes qdot.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "inertial": (*RATES, *ACCELERATIONS, *ANGULAR_ACCELERATIONS),
+        "inertial": (*RATES, *_ACCELERATIONS, *_ANGULAR_ACCELERATIONS),
         "attitude": _ATTITUDE,
         "air_data": _AIR_DATA,
         "surfaces": SURFACES,
+        "external": (*_PLACE, *GROUND, *_ATTITUDE),  # of a motion capture: one clock, one frame
+        "ground": (*_PLACE, *GROUND),  # of satellites, beside an attitude of another source
     }
 )
 _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
-_RATE_OF: dict[str, str] = dict(zip(ANGULAR_ACCELERATIONS, RATES, strict=True))
+_RATE_OF: dict[str, str] = dict(zip(_ANGULAR_ACCELERATIONS, RATES, strict=True))
 _RATE_WITH_DERIVATIVE = {rate: (rate, derivative) for derivative, rate in _RATE_OF.items()}
 _LIGHT = 0.03  # damping ratio of a structure
 # unit of a channel -> bias that matters, what the better instruments of flight test keep to anyway, and the largest;
@@ -67,6 +73,12 @@ _BIAS = {
 def group_channels(target: str) -> tuple[str, ...]:
     """Channels that share one instrument fault: a channel, a rate with its derivative, or a group of them."""
     return SENSOR_GROUPS.get(target) or _RATE_WITH_DERIVATIVE.get(target, (target,))
+
+
+def shown_in(target: str) -> tuple[str, ...]:
+    """The channels of a target of which one must be measured: of those over ground no attitude or altitude alone."""
+    channels = SENSOR_GROUPS.get(target, (target,))
+    return _OVER_GROUND if {*_OVER_GROUND} < {*channels} else channels
 
 
 def of_group(target: str, operate: Callable[[np.ndarray, np.ndarray, Values], np.ndarray]) -> Callable[..., Any]:
@@ -133,7 +145,7 @@ def sensor_scale(target: str) -> Effect:
 def _slow_reading(target: str, output: Callable[..., Any], forms: Forms, unsigned: tuple[str, ...] = ()) -> Effect:
     """A reading that is late by the value, as `output` has it."""
     return Effect(
-        reads=SENSOR_GROUPS.get(target, (target,)),
+        reads=shown_in(target),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True, late=True),
         kinematic=True,
         linear=False,
@@ -162,7 +174,7 @@ def of_input(effect: Effect) -> Effect:
 
     Raises InputError for one that a record of the input does not undo.
     """
-    if effect.change is not None:
+    if effect.change is not None or effect.stochastic:
         return effect
     if effect.kind == "sensor_delay":
         return _late_inputs(effect.target)
@@ -252,6 +264,20 @@ def level(read: np.ndarray) -> float:
     return float(seen.mean()) if len(seen) else 0.0
 
 
+@_reading(
+    targets=(*SENSOR_CHANNELS, *_OVER_GROUND, *SURFACES, "thrust"),
+    of_systems=False,
+    of_rotors=True,
+    candidates=never_sought,
+    unit="{channel}",
+    quantity="step, of which all that is recorded are multiples: simulated, and told by the check of samples",
+    sentence="The {label} is recorded in steps of {size}.",
+)
+def sensor_resolution(channel: str) -> Effect:
+    forms = Forms(written=of_value(operators.rounded))
+    return Effect(reads=(channel,), kinematic=True, further=Further(unsigned=("value",)), forms=forms)
+
+
 _SHAKEN_BY = {
     "delta_e": ("alpha", "q", "ax", "az", "qdot"),
     "delta_a": ("p", "pdot"),
@@ -313,7 +339,7 @@ def accelerometer_position(axis: str) -> Effect:
 
     return Effect(
         size=Size(within="span", meaningful=0.1, limit=20.0),
-        reads=ACCELERATIONS,
+        reads=_ACCELERATIONS,
         kinematic=True,
         # the lift or side force of a tail turns the aircraft as well: that much of it reads so
         traits=Traits(grounded=axis == "x"),

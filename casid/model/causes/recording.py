@@ -5,22 +5,16 @@ from __future__ import annotations
 
 import math
 from itertools import starmap
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from casid.model import operators, station
 from casid.model.causes.changes import turned
-from casid.model.causes.instruments import (
-    ACCELERATIONS,
-    ANGULAR_ACCELERATIONS,
-    RATES,
-    SENSOR_GROUPS,
-    group_channels,
-    of_group,
-)
+from casid.model.causes.instruments import SENSOR_GROUPS, TRIADS, group_channels, of_group, shown_in
 from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause, grid
-from casid.model.path import SignalPath
+from casid.model.path import SignalPath, velocity_over_ground
 from casid.model.terms import parse_term
 
 # static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
@@ -32,23 +26,45 @@ _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
 }
 
 
+def _turned_attitude(angles: Symbols, axis: str, cosine: Any, sine: Any) -> dict[str, Any]:
+    """Euler angles over a turned frame, as continuous as they were."""
+    own = {name: angles.get(name, 0.0) for name in ("phi", "theta", "psi")}
+    columns = [velocity_over_ground(own | dict(zip("uvw", row, strict=True))) for row in np.eye(3).tolist()]
+    x, y, z = (turned(list(column.values()), axis, cosine, sine) for column in columns)
+
+    def beside(angle: Any, across: Any, along: Any) -> Any:
+        c = ca.cos(angle)
+        s = ca.sin(angle)
+        return angle + ca.atan2(across * c - along * s, along * c + across * s)
+
+    found = {"phi": beside(own["phi"], y[2], z[2]), "theta": -ca.asin(x[2]), "psi": beside(own["psi"], x[1], x[0])}
+    return {name: angle for name, angle in found.items() if name in angles}
+
+
 @cause(
-    targets=("inertial",),
+    targets=("inertial", "external", "ground"),
     terms=("x", "y", "z"),
     unit="rad",
-    quantity="angle by which the unit is turned about the body axis that is its term",
+    quantity="angle by which its axes are turned about the one that is its term; those of an external frame are north, "
+    "east and down",
     title="{label}: misalignment about {term}",
-    sentence="The {label} is mounted askew: turned by {size} about body {term}.",
+    sentence="The axes of the {label} are turned by {size} about {term}.",
 )
 def sensor_misalignment(target: str, axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
-        for names in (RATES, ACCELERATIONS, ANGULAR_ACCELERATIONS):
-            true = [path.output[name] for name in names]
-            read = turned(true, axis, ca.cos(values["value"]), -ca.sin(values["value"]))
-            path.output |= dict(zip(names, read, strict=True))
+        cosine = ca.cos(values["value"])
+        sine = -ca.sin(values["value"])
+        for names in TRIADS.get(target, TRIADS["ground"]):
+            true = [path.output.get(name, 0.0) for name in names]
+            signs = [-1.0 if name == "altitude" else 1.0 for name in names]
+            read = turned([sign * x for sign, x in zip(signs, true, strict=True)], axis, cosine, sine)
+            found = zip(names, signs, read, strict=True)
+            path.output |= {name: sign * x for name, sign, x in found if name in path.output}
+        if target == "external":
+            path.output |= _turned_attitude(path.output, axis, cosine, sine)
 
     return Effect(
-        reads=group_channels(target),
+        reads=shown_in(target),
         kinematic=True,
         traits=Traits(by_record=True),
         station="sensors",
@@ -125,7 +141,7 @@ def clock_drift(target: str) -> Effect:
     of_inputs = target == "surfaces"
     return Effect(
         traits=Traits(includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"), by_record=True),
-        reads=() if of_inputs else group_channels(target),
+        reads=() if of_inputs else shown_in(target),
         kinematic=not of_inputs,
         linear=False,
         further=Further(grid=grid(value=(0.002, -0.002, 0.005, -0.005, 0.01, -0.01, 0.02, -0.02))),

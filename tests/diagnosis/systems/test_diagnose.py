@@ -17,6 +17,7 @@ HIDDEN = [
     ("DC motor", Fault(kind="dead_zone", target="V", size=1.0)),
     ("DC motor", Fault(kind="rate_limit", target="V", size=25.0)),
     ("DC motor", Fault(kind="second_order_actuator", target="V", size=0.06)),
+    ("DC motor", Fault(kind="hysteresis", target="V", size=0.9)),
     ("pendulum on a cart", Fault(kind="dry_friction", target="v", size=0.4)),
     ("two compartments", Fault(kind="parameter_change", target="k10", size=0.08, records=("m2",))),
     ("Lotka-Volterra", Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06)),
@@ -68,6 +69,22 @@ def test_a_delay_between_one_input_and_one_output_is_at_either() -> None:
     found = {cause.kind, *(one["kind"] for one in cause.indistinguishable_from)}
     assert {"input_delay", "sensor_delay"} <= found
     assert abs(cause.value - 5.0) < max(3.0 * cause.std, 0.1)
+
+
+@pytest.mark.slow
+def test_friction_that_builds_up_over_a_travel_is_found_and_dry_friction_is_its_limit() -> None:
+    """Of the rails, over 0.05 m; without a travel dry friction comes first, and a hysteresis does as well."""
+    system = SYSTEMS["pendulum on a cart"]
+    found = {}
+    for kind, seed in (("hysteresis", 8), ("dry_friction", 7)):
+        records = system.fly(seed, Fault(kind=kind, target="v", size=0.4))
+        (cause,) = cs.diagnose(system.model(), records, exact=system.exact, library=system.library).causes
+        assert (cause.kind, cause.target) == (kind, "v")
+        assert abs(cause.value - 0.4) < max(3.0 * cause.std, 0.02)
+        found[kind] = cause
+    assert found["hysteresis"].parameters["travel"] == pytest.approx(0.05, rel=0.03)
+    assert "equation of v" in found["hysteresis"].sentence
+    assert {"hysteresis"} <= {one["kind"] for one in found["dry_friction"].indistinguishable_from}
 
 
 @pytest.mark.parametrize(("name", "seed", "fault"), IMITATED)
