@@ -97,7 +97,7 @@ def _deviation(one: Parameter) -> float:
 
 _QUANTITIES = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "az", *SURFACES, "thrust", "altitude")
 _PAIRS = (("V", "alpha"), ("beta", "alpha"), ("p", "r"), ("q", "az"), ("delta_a", "delta_r"), ("alpha", "delta_e"))
-_POINTS = 400  # of a record in one panel
+_POINTS = 250  # of a record in one panel
 _OUTSIDE = 0.02  # part of the held-out samples beyond the fitted range that is told
 
 

@@ -42,6 +42,12 @@ def drawn(shown: dict[str, Picture]) -> dict[str, bytes]:
     return {name: svg(picture.figure) for name, picture in shown.items()}
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let pages of this test have empty pictures, for tests of their words and links."""
+    monkeypatch.setattr("casid.report.templating.svg", lambda figure: b"<svg/>")
+
+
 @pytest.fixture(scope="session")
 def folder(diagnosis: Diagnosis, document: Document, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("report")

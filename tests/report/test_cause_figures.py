@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.document import Document
+from casid.diagnosis.document import Document, ReportedCause
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.shown import drawn_cause
 from casid.model.effect import Effect
@@ -18,8 +18,12 @@ from casid.report.page import write_report
 from casid.report.svg import svg
 
 
+def told(diagnosis: Diagnosis, named: Cause) -> ReportedCause:
+    return drawn_cause(named, diagnosis.bare, (diagnosis.as_given, diagnosis.extended), {})
+
+
 def drawn(diagnosis: Diagnosis, document: Document, named: Cause) -> Picture | None:
-    return cause_response(document, drawn_cause(named, diagnosis.bare, (diagnosis.as_given, diagnosis.extended), {}))
+    return cause_response(document, told(diagnosis, named))
 
 
 def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None) -> Cause:
@@ -58,7 +62,8 @@ def test_an_effectiveness_is_drawn_from_its_onset_on(diagnosis: Diagnosis, docum
     assert picture is not None and "onset" in picture.caption
 
 
-def test_it_stands_on_the_page(diagnosis: Diagnosis, tmp_path) -> None:
-    write_report(replace(diagnosis, causes=(cause(diagnosis, effect_named("actuator_lag(delta_e)")),)), tmp_path)
+def test_it_stands_on_the_page(diagnosis: Diagnosis, document: Document, tmp_path) -> None:
+    lag = told(diagnosis, cause(diagnosis, effect_named("actuator_lag(delta_e)")))
+    write_report(replace(document, causes=(lag,)), tmp_path)
     assert (tmp_path / "report_figures" / "bode.svg").is_file()
     assert "as gain and phase" in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -179,6 +179,7 @@ def test_page_tells_of_data_values_structure_unseen_data_and_what_was_not_judged
     assert "Cm: alpha²" in page[at[2] : at[3]]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_every_claim_has_a_figure_that_links_back_to_it(wrong_in_all: Document, tmp_path: Path) -> None:
     """Data, values, causes and the unexplained: from the statement to a figure, and from that to the statement."""
     write_report(wrong_in_all, tmp_path, provenance(seed=0))
@@ -207,6 +208,7 @@ def test_a_picture_that_fails_is_noted_and_costs_nothing_else(
     assert "no such axes" in page and 'id="figure-budget"' in page and 'id="figure-heatmap"' not in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_name_with_markup_is_only_text(
     document: Document,
     wrong_in_all: Document,

@@ -57,6 +57,7 @@ def test_a_page_has_the_sections_of_a_script_in_its_order_and_no_other(report: c
     assert base64.b64decode(image) in {path.read_bytes() for path in (tmp_path / FIGURES).glob("*.svg")}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_without_a_section_has_no_link_to_it(report: cs.Report, tmp_path: Path) -> None:
     for left_out in ("account", "evidence"):
         sections = [one for one in report.sections if one.name != left_out]
