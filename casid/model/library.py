@@ -221,6 +221,11 @@ def _with_unit(effect: Effect, unit: str) -> Effect:
     return replace(effect, unit_at_port=unit, size=replace(effect.size, meaningful=None, limit=np.inf))
 
 
+def _last(effect: Effect) -> Effect:
+    """The effect to be tried where something is still missing when all others were."""
+    return replace(effect, traits=replace(effect.traits, last_resort=True))
+
+
 def _tried(effect: Effect, port: Port, sizes: Sequence[Mapping[str, float]], unit: str) -> Effect:
     """The effect at a port, with the sizes that records can show."""
     further = replace(effect.further, grid=tuple(sizes))
@@ -255,7 +260,7 @@ def _of_input(port: Port, records: Sequence[Record], least: float) -> Iterator[E
     variation = _variation(series)
     yield _tried(input_offset(name), port, ({},), port.unit)
     yield _tried(input_scale(name), port, ({},), "1")
-    yield _tried(hysteresis(name), port, [{"stroke": cut, "rest": 0.0} for cut in cuts], port.unit)
+    yield _last(_tried(hysteresis(name), port, [{"stroke": cut, "rest": 0.0} for cut in cuts], port.unit))
     for effect, sizes, unit in rows:
         assert effect.series is not None
         made = effect.series
@@ -299,14 +304,14 @@ def _of_output(port: Port, records: Sequence[Record], least: float) -> Iterator[
 def _term(port: Port, name: str, last: bool) -> Effect:
     """A term that an equation lacks; one of a higher degree comes last."""
     effect = _with_unit(missing_term(port.name, name), "")
-    return replace(effect, traits=replace(effect.traits, last_resort=last), enters=port.station)
+    return replace(_last(effect) if last else effect, enters=port.station)
 
 
 def _frictions(port: Port, friction: Friction, records: Sequence[Record]) -> list[Effect]:
     """Dry friction, and one that builds up over a travel, which steps of integration resolve."""
     effect = _tried(dry_friction(port.name), port, ({"creep": friction.creep},), port.unit)
     travels = [{"travel": friction.speed * time} for time in _doubling(records)[2:]]
-    return [replace(effect, regressor=friction.name), _tried(bristles(port.name), port, travels, port.unit)]
+    return [replace(effect, regressor=friction.name), _last(_tried(bristles(port.name), port, travels, port.unit))]
 
 
 def _is_seen(changes: Sequence[np.ndarray], variation: float, least: float) -> bool:
