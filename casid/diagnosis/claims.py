@@ -95,6 +95,13 @@ def left_over(facts: Facts) -> str:
     return f"{times(steps.structure)} the noise is left{expected}"
 
 
+def no_better(facts: Facts) -> bool:
+    """Return whether neither causes nor re-estimated values make the error on the held-out records smaller."""
+    steps = facts.budget.together
+    values = facts.contradicted or facts.factors
+    return not values and steps.as_given < facts.criteria.slightly * steps.structure
+
+
 def no_values(facts: Facts) -> str:
     """Return why no value of the extended model is reported as measured; empty if they are."""
     if facts.at_fault:

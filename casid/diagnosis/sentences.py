@@ -37,6 +37,7 @@ from casid.signals import label_of
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
 _ADEQUATE = "No cause of a size that matters shows in these records."
+_NO_BETTER = "No cause of the catalogue shows, and re-estimated values do not make it smaller."
 _BY_VALUES = "No cause of a size that matters shows; re-estimated values account for the difference."
 _SMALL = " Effects that are expected, or too small to matter, are listed as minor."
 _NOTHING_ELSE = "Other findings are reliable only after this has been corrected."
@@ -212,7 +213,8 @@ def headline(facts: Facts, found: Diagnosis) -> str:
     if claims.adequate(facts) and not wrong:
         return f"{_ADEQUATE}{found.remark}{_would_have_shown(found.detectable_by_channel)}"
     left = claims.left_over(facts)
-    opening = f"No cause of the catalogue accounts for all of it: {left}." if left else _BY_VALUES
+    by_values = _NO_BETTER if claims.no_better(facts) else _BY_VALUES
+    opening = f"No cause of the catalogue accounts for all of it: {left}." if left else by_values
     return f"{opening}{f' {wrong[0].upper()}{wrong[1:]}' if wrong else ''}{found.remark}"
 
 

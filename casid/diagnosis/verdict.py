@@ -32,6 +32,7 @@ _TABLE: tuple[tuple[str, Callable[[Facts], object]], ...] = (
     ("unexplained", lambda facts: facts.unexplained),
     ("adequate", lambda facts: claims.adequate(facts) and not (facts.contradicted or facts.factors)),
     ("partly explained", claims.left_over),
+    ("unexplained", claims.no_better),
     ("values wrong", lambda facts: True),
 )
 

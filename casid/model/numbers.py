@@ -11,7 +11,8 @@ def digits(value: float, significant: int = 3) -> str:
     """A number to some significant digits, without an exponent where it can be helped."""
     if value == 0.0 or not math.isfinite(value):
         return "0" if value == 0.0 else "–"
-    size = math.floor(math.log10(abs(value)))
+    rounded = float(f"{value:.{significant - 1}e}")  # 0.997 to two digits is 1.0
+    size = math.floor(math.log10(abs(rounded)))
     if -4 <= size <= _SMALLEST_PLACES:
         return f"{value:.{max(0, significant - 1 - size)}f}"
     return f"{value:.{significant - 1}e}"

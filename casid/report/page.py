@@ -312,4 +312,6 @@ def _facts(document: Document) -> str:
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.records)
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.records)
     count = f"{view.samples:,}".replace(",", " ")
-    return f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings."
+    channels = len(view.channels)
+    measured = f"{channels} measured channel{'' if channels == 1 else 's'}"
+    return f"Fitted: {fitted}. Held out: {unseen}. {measured}, {count} readings."

@@ -72,8 +72,6 @@ def channel_axis(channel: str) -> str:
 
 def digits(value: float, significant: int = 3) -> str:
     """A number to some significant digits, without an exponent where it can be helped."""
-    if abs(value) < 10.0**significant:
-        value = float(f"{value:.{significant - 1}e}")  # 0.997 to two digits is 1.0
     return numbers.digits(value, significant).replace("-", "−")
 
 
