@@ -33,7 +33,7 @@ from casid.model.causes.controls import (
     rate_limit,
     second_order_actuator,
 )
-from casid.model.causes.equations import bristles, dry_friction, hysteresis, missing_term, parameter_change
+from casid.model.causes.equations import dry_friction, hysteresis, missing_term, parameter_change
 from casid.model.causes.instruments import sensor_bias, sensor_delay, sensor_lag, sensor_scale, sensor_stuck
 from casid.model.effect import KINDS, Effect, Size
 from casid.model.in_force import known_of
@@ -128,7 +128,6 @@ class Friction:
     name: str  # of its term
     term: ca.SX
     creep: float  # speed about which it reverses
-    speed: float  # r.m.s.
 
 
 def frictions_of(model: Model, paths: Mapping[str, np.ndarray], least: float) -> dict[str, Friction]:
@@ -143,8 +142,7 @@ def frictions_of(model: Model, paths: Mapping[str, np.ndarray], least: float) ->
         series = np.concatenate([X[:, i] for X in paths.values()])
         if creep > 0.0 and np.std(np.tanh(series / creep)) > least:
             term = -ca.tanh(model.x[i] / creep)
-            speed = float(np.sqrt(np.mean(series**2)))
-            found[state] = Friction(name=f"friction of {state}", term=term, creep=creep, speed=speed)
+            found[state] = Friction(name=f"friction of {state}", term=term, creep=creep)
     return found
 
 
@@ -170,7 +168,7 @@ def effects_of(
         else:
             terms = [name for name in every if (port.name, name) not in scaled]
             found += [_term(port, name, name in last) for name in terms]
-            found += _frictions(port, frictions[port.name], records) if port.name in frictions else []
+            found += [_friction(port, frictions[port.name])] if port.name in frictions else []
     if len(records) > 1:
         found += [_with_unit(parameter_change(name), model.units.get(name, "")) for name in free]
     return [effect for effect in _with_equal_delays(found, ports) if effect.kind in library.kinds]
@@ -307,11 +305,9 @@ def _term(port: Port, name: str, last: bool) -> Effect:
     return replace(_last(effect) if last else effect, enters=port.station)
 
 
-def _frictions(port: Port, friction: Friction, records: Sequence[Record]) -> list[Effect]:
-    """Dry friction, and one that builds up over a travel, which steps of integration resolve."""
+def _friction(port: Port, friction: Friction) -> Effect:
     effect = _tried(dry_friction(port.name), port, ({"creep": friction.creep},), port.unit)
-    travels = [{"travel": friction.speed * time} for time in _doubling(records)[2:]]
-    return [replace(effect, regressor=friction.name), _last(_tried(bristles(port.name), port, travels, port.unit))]
+    return replace(effect, regressor=friction.name)
 
 
 def _is_seen(changes: Sequence[np.ndarray], variation: float, least: float) -> bool:

@@ -72,6 +72,9 @@ def test_a_delay_between_one_input_and_one_output_is_at_either() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True, reason="not sought: it made room for a scale of the reading beside the cube of a spring"
+)
 def test_friction_that_builds_up_over_a_travel_is_found_and_dry_friction_is_its_limit() -> None:
     """Of the rails, over 0.05 m; without a travel dry friction comes first, and a hysteresis does as well."""
     system = SYSTEMS["pendulum on a cart"]
