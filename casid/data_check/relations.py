@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import FEWEST_KNOWN, Read
-from casid.model.path import GROUND
+from casid.model.path import GROUND, velocity_over_ground
 
 Pair = tuple[np.ndarray, np.ndarray]
 Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
@@ -97,22 +97,13 @@ def _climb(c: Read, g: float) -> Pair:
     return c.rate("altitude"), c.value("V") * climbing
 
 
-def _over_ground(axis: int) -> Callable[[Read, float], Pair]:
-    """Rate of a velocity over ground, and the acceleration along that axis: north, east, down."""
+def _over_ground(name: str) -> Callable[[Read, float], Pair]:
+    """Rate of a velocity over ground, and the acceleration along that axis of the earth."""
 
     def sides(c: Read, g: float) -> Pair:
-        forward, right, below = _gravity(c, g)
-        phi = c.value("phi")
-        theta = c.value("theta")
-        across = right * np.cos(phi) - below * np.sin(phi)  # level, to the right of the heading
-        under = right * np.sin(phi) + below * np.cos(phi)
-        down = under * np.cos(theta) - forward * np.sin(theta)
-        if axis == 2:
-            return c.rate(GROUND[axis]), down
-        ahead = forward * np.cos(theta) + under * np.sin(theta)
-        psi = c.value("psi")
-        along = (ahead * np.cos(psi) - across * np.sin(psi), ahead * np.sin(psi) + across * np.cos(psi))
-        return c.rate(GROUND[axis]), along[axis]
+        attitude = {angle: c.value(angle) for angle in (*_ATTITUDE, "psi")}
+        along = velocity_over_ground(attitude | dict(zip("uvw", _gravity(c, g), strict=True)))
+        return c.rate(name), along[name].full().ravel()
 
     return sides
 
@@ -173,9 +164,9 @@ RELATIONS: tuple[Relation, ...] = (
         errors=_vane(("r", "p"), "alpha"),
     ),
     *(
-        Relation(name=name, needs=(name, *_FORCES, *_ATTITUDE, *heading), uses=uses, sides=_over_ground(axis))
-        for axis, (name, heading) in enumerate(zip(GROUND, (("psi",), ("psi",), ()), strict=True))
-        for uses in ((name, *_FORCES, *_ATTITUDE, *heading),)
+        Relation(name=name, needs=needs, uses=needs, sides=_over_ground(name))
+        for name, heading in zip(GROUND, (("psi",), ("psi",), ()), strict=True)
+        for needs in [(name, *_FORCES, *_ATTITUDE, *heading)]
     ),
     *(
         Relation(name=place, needs=(place, velocity), uses=(place, velocity), sides=_travelled(place, velocity))

@@ -61,16 +61,15 @@ class PartCriteria:
         "which a trial is abandoned, and that kinematics confirm; of turbulence's statistic that slow latent inputs "
         "reach, which coloured noise cannot; of outputs that show a filter common to all; of a rate's noise below "
         "which its derivative was computed from it; of a value's information that one stretch is given at most; sine "
-        "of the angle of similar fingerprints; largest error of the centre of gravity, in chords, which is more than "
-        "the range that loading makes",
+        "of the angle of similar fingerprints",
         "measured: 0.3 and 0.6 to 0.8 before, verdict and names the same in 35 of 36 sets",
     )
     half: float = number(
         0.5,
         "part of the information on a number by the records that is more than the file's own; of a predicted size that "
         "a fit may find; of the noise of a reading's high band below which it is not sought; delay of a surface in "
-        "sampling intervals, and change in 1-sigmas, from which they matter; lowest Oswald factor of a wing; and "
-        "largest error of a mass or an inertia, as the empty aircraft has half of its largest mass",
+        "sampling intervals, and change in 1-sigmas, from which they matter; and lowest Oswald factor of a "
+        "wing",
         "derived: the larger part",
     )
     quarter: float = number(
@@ -109,8 +108,7 @@ class PartCriteria:
     @property
     def clearly(self) -> float:
         """Ratio of errors at which a loss is reported, within which a simulation stays within the noise; and steps of a
-        grid of three within which the peak of a parabola is its own: half more. Largest lever arm, in spans: Concorde
-        and the Tu-144, the longest for their span, have 2.4 of them, the c.g. near the middle."""
+        grid of three within which the peak of a parabola is its own: half more."""
         return 1.0 + self.half
 
     @property
@@ -203,6 +201,21 @@ class SizeCriteria:
         0.05,
         "part of a coefficient's variation that matters, and of the strongest member's significance for another member",
         "measured: linear structure commonly leaves 2 to 4 %",
+    )
+    mass: float = number(
+        0.5,
+        "largest possible relative error of a mass or an inertia",
+        "derived: the empty aircraft has half of its largest mass",
+    )
+    arm: float = number(
+        1.5,
+        "largest lever arm, in spans",
+        "derived: Concorde and the Tu-144, the longest for their span, have 2.4 of them, the c.g. near the middle",
+    )
+    cg: float = number(
+        0.3,
+        "largest error of the centre of gravity, in chords",
+        "derived: the range that loading makes is smaller for any aircraft",
     )
     wind_along: float = number(20.0, "velocity of the air along x, of which the part `share` matters", unit="m/s")
     wind_across: float = number(3.0, "velocity of the air along y or z, of which the part `share` matters", unit="m/s")

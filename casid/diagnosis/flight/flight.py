@@ -139,7 +139,7 @@ def _since_the_last(series: np.ndarray, t: np.ndarray) -> np.ndarray:
 def _effects(flight: Subject) -> list[Effect]:
     """Every deterministic effect that these records can show."""
     aircraft = flight.aircraft
-    every = [possible(e, aircraft, flight.criteria) for e in catalogue(aircraft, flight.outputs)]
+    every = [possible(e, aircraft, flight.criteria.size) for e in catalogue(aircraft, flight.outputs)]
     known = [e for e in every if e.target not in flight.unknown and not e.kind.startswith(flight.unknown)]
     still = _still(flight)
     told = [e for e in known if e.regressor is None or not still & parse_term(e.regressor).variables]

@@ -130,7 +130,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         white=_usual_disturbances(aircraft, criteria.parts.tenth),
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
-    every = [possible(e, aircraft, criteria) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
+    every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
     there = {effect_of(value).key for value in aircraft.effects}
     terms = _terms_of_wing(aircraft, base, every)
     told = [e for e in every if e.regressor in terms or (e.regressor is None and e.target not in COEFFICIENTS)]

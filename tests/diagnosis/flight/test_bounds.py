@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import casid as cs
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.flight.bounds import inertia_bounds, possible
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.gates import is_possible
@@ -14,7 +14,7 @@ from casid.model.causes.loading import cg_offset, inertia, mass
 from casid.model.causes.rotors import rotor_position
 from problems.do328 import do328
 
-BY = Criteria()
+BY = SizeCriteria()
 
 
 @pytest.mark.parametrize("component", ["Ixx", "Iyy", "Izz"])

@@ -71,25 +71,6 @@ def test_a_delay_between_one_input_and_one_output_is_at_either() -> None:
     assert abs(cause.value - 5.0) < max(3.0 * cause.std, 0.1)
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="not sought: it made room for a scale of the reading beside the cube of a spring"
-)
-def test_friction_that_builds_up_over_a_travel_is_found_and_dry_friction_is_its_limit() -> None:
-    """Of the rails, over 0.05 m; without a travel dry friction comes first, and a hysteresis does as well."""
-    system = SYSTEMS["pendulum on a cart"]
-    found = {}
-    for kind, seed in (("hysteresis", 8), ("dry_friction", 7)):
-        records = system.fly(seed, Fault(kind=kind, target="v", size=0.4))
-        (cause,) = cs.diagnose(system.model(), records, exact=system.exact, library=system.library).causes
-        assert (cause.kind, cause.target) == (kind, "v")
-        assert abs(cause.value - 0.4) < max(3.0 * cause.std, 0.02)
-        found[kind] = cause
-    assert found["hysteresis"].parameters["travel"] == pytest.approx(0.05, rel=0.03)
-    assert "equation of v" in found["hysteresis"].sentence
-    assert {"hysteresis"} <= {one["kind"] for one in found["dry_friction"].indistinguishable_from}
-
-
 @pytest.mark.parametrize(("name", "seed", "fault"), IMITATED)
 def test_what_an_earlier_cause_imitated_is_named_in_its_place(name: str, seed: int, fault: Fault) -> None:
     """Truth: the term that was flown. A limit of the input and a linear term gain enough before the cubes are tried;

@@ -80,7 +80,8 @@ def test_over_a_long_stroke_it_is_another_scale_of_the_input() -> None:
 def test_of_twice_its_half_width_it_lags_as_a_backlash_without_its_corners() -> None:
     """Both are behind by their half width on long ways, and stand when the way turns."""
     z = operators.hysteresis(WAVE, 0.2)
-    smooth, cornered = WAVE - 0.1 * z, operators.backlash(WAVE, 0.1)
+    smooth = WAVE - 0.1 * z
+    cornered = operators.backlash(WAVE, 0.1)
     assert np.abs(smooth - cornered).max() < 0.08
     turned = int(np.argmax(WAVE))
     early = (smooth[turned + 1] - smooth[turned]) / (WAVE[turned + 1] - WAVE[turned])
@@ -125,7 +126,8 @@ def test_the_equations_of_friction_and_their_slopes_by_all_sizes() -> None:
 
 def by_hand(y: np.ndarray, size: Any, stroke: Any, rest: Any) -> np.ndarray:
     """What acts less its record, step by step."""
-    z, found = rest, [-size * rest]
+    z = rest
+    found = [-size * rest]
     for step in np.diff(y):
         side = np.sign(step)
         z = side + (z - side) * np.exp(-abs(step) / stroke)
